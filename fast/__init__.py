@@ -101,7 +101,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """The public name, from where it is defined."""
+    """Return the public name, from where it is defined."""
     if name not in _HOMES:
         raise AttributeError(f"module `fast` has no `{name}`; it has {', '.join(__all__)}")
     found = getattr(import_module(f"fast.{_HOMES[name]}"), name)
@@ -111,5 +111,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """The public names."""
+    """List the public names."""
     return sorted(__all__)

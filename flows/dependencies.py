@@ -33,12 +33,12 @@ _EXTRA = re.compile(r"^(?P<name>[A-Za-z0-9._-]+).*;.*extra == [\"'](?P<extra>[a-
 
 
 def is_checkout() -> bool:
-    """True where FAST runs from its repository, whose `make setup` installs everything."""
+    """Return True where FAST runs from its repository, whose `make setup` installs everything."""
     return (Path(__file__).resolve().parents[1] / "Makefile").exists()
 
 
 def is_installed(name: str) -> bool:
-    """True when the package can be found; nothing is imported."""
+    """Return True when the package can be found; nothing is imported."""
     try:
         return importlib.util.find_spec(name) is not None
     except (ImportError, ValueError):  # ValueError: it is half imported, so it is not whole
@@ -57,7 +57,7 @@ def require(names: Iterable[str]) -> None:
 
 
 def missing_sentence(names: list[str]) -> str:
-    """What is missing and how to get it."""
+    """Say what is missing and how to get it."""
     wanted = [DISTRIBUTIONS.get(name, name) for name in names]
     listed = ", ".join(f"`{name}`" for name in wanted)
     which = f"package {listed} is" if len(names) == 1 else f"packages {listed} are"
@@ -65,7 +65,7 @@ def missing_sentence(names: list[str]) -> str:
 
 
 def _advise(distributions: list[str]) -> str:
-    """The command that installs what is missing: of the repository, or of an extra of the installed package."""
+    """Return the command that installs what is missing: of the repository, or of an extra of the installed package."""
     if is_checkout():
         return "`make setup` and use the `fast` of its environment (.venv/bin/fast)"
     known = _read_extras()
@@ -76,7 +76,7 @@ def _advise(distributions: list[str]) -> str:
 
 
 def _read_extras() -> dict[str, list[str]]:
-    """Extras of FAST that bring a distribution, by its name, as the installed package itself says."""
+    """Read the extras of FAST that bring a distribution, by its name, as the installed package itself says."""
     found: dict[str, list[str]] = {}
     for line in metadata.requires(_PROJECT) or []:
         if (match := _EXTRA.match(line)) and match["name"] != _PROJECT and match["extra"] != "dev":
@@ -85,7 +85,7 @@ def _read_extras() -> dict[str, list[str]]:
 
 
 def read_lock(text: str) -> tuple[dict[str, str], list[str]]:
-    """Versions by package of a lock file, and the lines that pin nothing."""
+    """Read the versions by package of a lock file, and the lines that pin nothing."""
     lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith("#")]
     found = {line: _PIN.fullmatch(line) for line in lines}
     pins = {_plain(match["name"]): match["version"] for match in found.values() if match}
@@ -93,7 +93,7 @@ def read_lock(text: str) -> tuple[dict[str, str], list[str]]:
 
 
 def find_mismatches(text: str) -> Iterator[str]:
-    """Packages of a lock file that are missing, or there in another version, one sentence each."""
+    """Find packages of a lock file that are missing, or there in another version, one sentence each."""
     installed = installed_packages()
     for name, version in read_lock(text)[0].items():
         found = installed.get(name)
@@ -104,12 +104,12 @@ def find_mismatches(text: str) -> Iterator[str]:
 
 
 def installed_packages() -> dict[str, metadata.Distribution]:
-    """What is in the environment, by name."""
+    """Return what is in the environment, by name."""
     return {_plain(found.metadata["Name"]): found for found in list_distributions()}
 
 
 def list_distributions() -> list[metadata.Distribution]:
-    """What is in the environment; setuptools, once imported, adds copies of its own to the path, which do not count."""
+    """List what is in the environment; not counted are own copies that setuptools, once imported, adds to the path."""
     paths = sysconfig.get_paths()
     return list(metadata.distributions(path=list(dict.fromkeys([paths["purelib"], paths["platlib"]]))))
 

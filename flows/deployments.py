@@ -18,7 +18,7 @@ logger = logging.getLogger(__name__)
 
 
 def ended(work: Callable[[], str]) -> State[Any]:
-    """How a run ends: completed with the sentence of `work`, or failed with the reason, and nothing before it."""
+    """Return how a run ends: completed with the sentence of `work`, or failed with the reason, nothing before it."""
     mark_run()
     try:
         return Completed(message=work())
@@ -27,7 +27,7 @@ def ended(work: Callable[[], str]) -> State[Any]:
 
 
 def find_config(config: str) -> Path:
-    """A config by its path: from the folder where `fast serve` was started, else from that of the program."""
+    """Find a config by its path: from the folder where `fast serve` was started, else from that of the program."""
     own = Path(os.environ.get(FOLDER_VARIABLE, "."), config)
     return own if own.exists() else Path(config)
 

@@ -60,7 +60,7 @@ def grasp_function(
     names: "Sequence[str] | str | None" = None,
     lake: Path | str = "lake-data",
 ) -> "Callable[[torch.Tensor], torch.Tensor]":
-    """The peak pull-off force in N as a function for torch, which knows its slopes (a `torch.autograd.Function`).
+    """Return the peak pull-off force in N as a function for torch that knows its slopes (a `torch.autograd.Function`).
 
     It takes a tensor (... x d) of values of the parameters `names` and gives a tensor (...). `names` default to the
     numbers of the design in their order, of which whole ones are rounded and have slope 0; all that is not named is as
@@ -129,14 +129,14 @@ def simulate_many(
 
 
 def _make_console() -> "Console":
-    """Where a bar is drawn; in a notebook without ipywidgets nowhere: Rich would show a warning instead."""
+    """Make what a bar is drawn on; in a notebook without ipywidgets nothing: Rich would show a warning instead."""
     from rich.console import Console
 
     return Console(stderr=True, force_jupyter=None if find_spec("ipywidgets") else False)
 
 
 def _find_object(given: Any, lake: Path | str) -> "RigidObject":
-    """The object itself, or the one of this number, name or file.
+    """Return the object itself, or find the one of this number, name or file.
 
     Raises:
         UsageError: it is none of these, or there is no such object.
@@ -160,7 +160,7 @@ def _find_object(given: Any, lake: Path | str) -> "RigidObject":
 def _read_given(
     version: "SimulatorVersion | None", setup: "GraspSetup | None"
 ) -> "tuple[SimulatorVersion, GraspSetup]":
-    """Version and setup that were given, their values checked; else the usual ones.
+    """Read the version and the setup that were given, their values checked; else the usual ones.
 
     Raises:
         UsageError: a value is out of its range, or the version is of code that this program does not have.
@@ -181,7 +181,7 @@ def _read_given(
 
 
 def _check(given: R, kind: type[R], name: str) -> R:
-    """The record that was given, its values checked again: `model_copy(update=...)` does not.
+    """Return the record that was given, its values checked again: `model_copy(update=...)` does not.
 
     Raises:
         UsageError: it is of another kind, or a value is out of its range.
@@ -193,7 +193,7 @@ def _check(given: R, kind: type[R], name: str) -> R:
 
 
 def _check_names(given: Any, what: str) -> tuple[str, ...]:
-    """Names of parameters, of which one may come without a list.
+    """Return the names of parameters, of which one may come without a list.
 
     Raises:
         UsageError: it is something else.
@@ -219,7 +219,7 @@ class Campaign:
         self.lake = lake
 
     def ask(self, out: Path | str | None = None, say: Callable[[str], None] = print) -> "AskedBatch | None":
-        """The batch to measure next: its designs by tool and its grasps; None when the schedule is complete.
+        """Return the batch to measure next: its designs by tool and its grasps; None when the schedule is complete.
 
         `out`: a new folder for the files of printer and bench. `say` hears how far simulations are.
 

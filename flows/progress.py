@@ -48,7 +48,7 @@ class ProgressReporter:
 
 
 def format_report(what: str, bars: Sequence[Bar]) -> str:
-    """`12:00:00  what  |  grasps 84/96, simulated 96/96  |  30 s left`."""
+    """Write `12:00:00  what  |  grasps 84/96, simulated 96/96  |  30 s left`."""
     counts = ", ".join(f"{bar.label} {bar.counts}" for bar in bars)
     parts = [what, counts] if what else [counts]
     left = leave_out(describe_time_left(*(bar.left_s for bar in bars)), next((b.uncounted for b in bars), ""))
@@ -80,7 +80,7 @@ class RateEstimate:
             self.marks.popleft()
 
     def seconds_left(self, remaining: int) -> float | None:
-        """Time for `remaining` units at the recent rate, 0 for none; None before a rate is known."""
+        """Return the time for `remaining` units at the recent rate, 0 for none; None before a rate is known."""
         if remaining <= 0:
             return 0.0
         if len(self.marks) < 2:
@@ -90,18 +90,18 @@ class RateEstimate:
 
 
 def describe_time_left(*estimates_s: float | None) -> str:
-    """Time until works that go on side by side have all ended; not known as long as that of one is not."""
+    """Describe the time until works side by side have all ended; not known as long as that of one is not."""
     known = [each for each in estimates_s if each is not None]
     return f"{describe_duration(max(known))} left" if len(known) == len(estimates_s) else UNKNOWN
 
 
 def leave_out(left: str, uncounted: str) -> str:
-    """A time left in words, and what it does not count: `5 min left, without gap searches`."""
+    """Write a time left in words, and what it does not count: `5 min left, without gap searches`."""
     return f"{left}, without {uncounted}" if uncounted and left != UNKNOWN else left
 
 
 def describe_duration(seconds: float) -> str:
-    """A duration as a person says it: `40 s`, `12 min`, `3 h 20 min`, `4 d 6 h`."""
+    """Describe a duration as a person says it: `40 s`, `12 min`, `3 h 20 min`, `4 d 6 h`."""
     if seconds < 90:
         return f"{max(round(seconds), 1 if seconds > 0 else 0)} s"  # 0 s: nothing is left
     minutes = round(seconds / 60)

@@ -124,7 +124,7 @@ class BenchSettings(Record):
 
     @model_validator(mode="after")
     def _check_gantry_settings(self) -> "BenchSettings":
-        """What the driver relies on stays, Z homes upwards, and the box lies within the travel."""
+        """Check that what the driver relies on stays, Z homes upwards, and the box lies within the travel."""
         own = self.gantry_settings
         for number in own:
             if number in SAFE_SETTINGS or number not in LAB_SETTINGS:
@@ -224,11 +224,11 @@ class Bench:
         self.station.measure_tool(slot, plan, setup, on_grasp, should_stop)
 
     def present_grasp(self) -> GraspInView | None:
-        """The grasp that is made now, or the last one."""
+        """Return the grasp that is made now, or the last one."""
         return self.station.present
 
     def check_position(self) -> tuple[float, float, float]:
-        """Slip of the gantry by axis, mm; see `PositionCheck`."""
+        """Check the slip of the gantry by axis, mm; see `PositionCheck`."""
         return self.position.run()
 
 
@@ -253,7 +253,7 @@ def open_virtual_bench(
     logs: LogFolders = IN_MEMORY,
     layout: BenchLayout = BenchLayout(),  # noqa: B008 - frozen record
 ) -> Iterator[Bench]:
-    """A virtual bench with its drivers connected and homed; stopped at the end of the `with`.
+    """Open a virtual bench with its drivers connected and homed; it is stopped at the end of the `with`.
 
     `physics` answers one grasp (it is cached here). Time is in lockstep: it moves only while drivers wait; with
     `speed_up` it runs by itself, so many times faster than the wall. `wires` "memory" hands over the bytes of pty and
@@ -292,7 +292,7 @@ def open_virtual_servers(
     ports: tuple[int | None, int | None] = (0, 0),
     like: BenchSettings = BenchSettings(),  # noqa: B008 - frozen record
 ) -> Iterator[VirtualBench]:
-    """Only the devices of a virtual bench, for drivers elsewhere (`fast virtual start`); see `.endpoints`.
+    """Open only the devices of a virtual bench, for drivers elsewhere (`fast virtual start`); see `.endpoints`.
 
     `ports`: of PLC and transmitter; 0 takes a free one, None opens none. `like`: whose layout and gantry settings the
     bench has; with its continuous mode the serial port sends strings by itself instead of speaking Modbus RTU.
@@ -315,7 +315,7 @@ def open_real_bench(
     may_vent: MayVent = False,
     log_folder: Path | None = None,
 ) -> Iterator[Bench]:
-    """The bench at these addresses with its drivers connected and homed. The caller has asked for leave to move.
+    """Open the bench at these addresses, drivers connected and homed. The caller has asked for leave to move.
 
     `clock` is the machine's; a virtual bench that runs faster in another process needs a `ScaledClock` as fast.
     `may_vent`: a person has looked at a gripper that an earlier host left closed, and lets it open before homing; or
@@ -425,7 +425,7 @@ class Wires:
 
 
 def wires_to(settings: BenchSettings, clock: Clock) -> Wires:
-    """Lines to the addresses of a bench."""
+    """Return lines to the addresses of a bench."""
     time_out_s = settings.modbus_time_out_s
     plc = tcp_link("CLICK PLC", settings.plc_host, settings.plc_port, settings.plc_device_id, time_out_s)
     gantry = SerialTransport(settings.serial_port, settings.serial_baud_rate)
@@ -459,7 +459,7 @@ def _kept_on_a_fault(wires: Wires, folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _terminable() -> Iterator[None]:
-    """SIGTERM ends like Ctrl-C, in the safe state, where nobody else has taken it: by itself it would end nothing."""
+    """End on SIGTERM as on Ctrl-C, in the safe state, where nobody else has taken it: alone it would end nothing."""
     is_main = threading.current_thread() is threading.main_thread()
     if not is_main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
         yield

@@ -30,7 +30,7 @@ class Clock(Protocol):
         ...
 
     def now_s(self) -> float:
-        """Monotonic time in seconds; the zero has no meaning."""
+        """Return monotonic time in seconds; the zero has no meaning."""
         ...
 
     def sleep(self, duration_s: float) -> None:
@@ -38,7 +38,7 @@ class Clock(Protocol):
         ...
 
     def wall_s(self, duration_s: float) -> float:
-        """Real seconds in which this much clock time passes by itself; infinite if time waits for `sleep`."""
+        """Return real seconds in which this much clock time passes by itself; infinite if time waits for `sleep`."""
         ...
 
     def add_listener(self, listener: Listener) -> None:
@@ -69,7 +69,7 @@ class ScaledClock:
         return self._lock
 
     def now_s(self) -> float:
-        """Scaled monotonic time in seconds."""
+        """Return scaled monotonic time in seconds."""
         return time.monotonic() * self.speed_up
 
     def sleep(self, duration_s: float) -> None:
@@ -78,7 +78,7 @@ class ScaledClock:
             time.sleep(duration_s / self.speed_up)
 
     def wall_s(self, duration_s: float) -> float:
-        """Real seconds for this much clock time."""
+        """Return real seconds for this much clock time."""
         return duration_s / self.speed_up
 
     def add_listener(self, listener: Listener) -> None:
@@ -109,7 +109,7 @@ class VirtualClock:
         return self._lock
 
     def now_s(self) -> float:
-        """Virtual time in seconds."""
+        """Return virtual time in seconds."""
         return self._now_s
 
     def sleep(self, duration_s: float) -> None:
@@ -122,7 +122,7 @@ class VirtualClock:
                 listener(self._now_s)
 
     def wall_s(self, duration_s: float) -> float:
-        """Infinite for any wait: virtual time never moves by itself."""
+        """Return infinity for any wait: virtual time never moves by itself."""
         return math.inf if duration_s > 0 else 0.0
 
     def add_listener(self, listener: Listener) -> None:

@@ -59,11 +59,11 @@ class GraspBench(Protocol):
         ...
 
     def present_grasp(self) -> GraspInView | None:
-        """The grasp that is made now, or the last one; asked some ten times a second, from any thread."""
+        """Return the grasp that is made now, or the last one; asked some ten times a second, from any thread."""
         ...
 
     def check_position(self) -> tuple[float, float, float]:
-        """How far the head is from where it is believed to be, x, y, z in mm.
+        """Check how far the head is from where it is believed to be, x, y, z in mm.
 
         Raises:
             DeviceError: too far; `LostStepsError` where the grasps since the last check are suspect.

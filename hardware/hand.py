@@ -76,13 +76,13 @@ class Stand:
 
 
 def check_released(verb: str, is_gripping: bool) -> None:
-    """Raises UsageError where what is to be done needs an open gripper; nothing has moved then."""
+    """Raise UsageError where what is to be done needs an open gripper; nothing has moved then."""
     if is_gripping:
         raise UsageError(f"the gripper is closed; open it before you {verb}. Nothing was moved.")
 
 
 def check_jog(step: HandStep, stand: Stand) -> None:
-    """Raises UsageError where a jog is too long, leaves the box or could hit something; nothing has moved then."""
+    """Raise UsageError where a jog is too long, leaves the box or could hit something; nothing has moved then."""
     axis, longest_mm = step.axis, LONGEST_STEP_MM[step.axis]
     place = "xyz".index(axis)
     here_mm, low_mm, high_mm = stand.place_mm[place], stand.low_mm[place], stand.high_mm[place]
@@ -105,7 +105,7 @@ def check_jog(step: HandStep, stand: Stand) -> None:
 
 
 def check_lowered(stand: Stand) -> None:
-    """Raises UsageError where something may hang in the closed gripper; nothing has moved then."""
+    """Raise UsageError where something may hang in the closed gripper; nothing has moved then."""
     z_mm, rest_z_mm = stand.place_mm[2], stand.rest_z_mm
     if rest_z_mm is None or z_mm > rest_z_mm + HELD_MM:
         where = f"to z {rest_z_mm:.1f} mm, where it closed" if rest_z_mm is not None else "onto something"
@@ -131,7 +131,7 @@ class Hand(Protocol):
         ...
 
     def read(self) -> BenchReading:
-        """Place, force, pressure and sensors as they are now.
+        """Read place, force, pressure and sensors as they are now.
 
         Raises:
             DeviceError: a device does not answer.

@@ -71,12 +71,12 @@ class OwnBench:
             self._driver.ask(verb)
 
     def present_grasp(self) -> GraspInView | None:
-        """The grasp that is made now, or the last one."""
+        """Return the grasp that is made now, or the last one."""
         with _told(self._kind):
             return self._driver.present_grasp()
 
     def check_position(self) -> tuple[float, float, float]:
-        """How far the head is from where it is believed to be; a driver that fails is asked to stop."""
+        """Check how far the head is from where it is believed to be; a driver that fails is asked to stop."""
         with _told(self._kind, self._stop):
             return self._driver.check_position()
 
@@ -144,7 +144,7 @@ class OwnBench:
     def _find_cut_short(
         self, plan: Sequence[Item], setup: GraspSetup, done: Sequence[MeasuredGrasp], begun: datetime, reason: str
     ) -> MeasuredGrasp | None:
-        """The grasp that the driver was at, as far as it tells; None between two grasps."""
+        """Find the grasp that the driver was at, as far as it tells; None between two grasps."""
         try:
             view = self._driver.present_grasp()
             if view is None or view.started_at < begun:
@@ -169,7 +169,7 @@ class OwnDriverError(DeviceError):
 
 @contextmanager
 def open_own_bench(settings: OwnBenchSettings, tools: Mapping[int, MountedTool]) -> Iterator[GraspBench]:
-    """The user's bench, open: a context manager of `function(settings, tools)`. The caller has asked for leave to move.
+    """Open the user's bench: a context manager of `function(settings, tools)`. The caller has asked for leave to move.
 
     Raises:
         UsageError: the function cannot be found, fails as it opens, or gives no bench.
@@ -210,7 +210,7 @@ def _told(kind: str, stop: Callable[[], str] | None = None) -> Iterator[None]:
 
 
 def _doubt_unit(tare_force_n: float, tool_n: float) -> str:
-    """Words for a gross force that is no force in N of a gripper with this tool; 0 tells nothing."""
+    """Return words for a gross force that is no force in N of a gripper with this tool; 0 tells nothing."""
     share, (least, most) = abs(tare_force_n) / tool_n, _SHARES_OF_KG
     unit = "kg" if least <= share < most else "g" if share >= _LEAST_SHARE_OF_G else ""
     if not unit:

@@ -202,18 +202,18 @@ def exclusive(storage: Storage, name: str, busy: str) -> Iterator[Lease]:
 
 
 def holder_of(storage: Storage, name: str) -> Holder | None:
-    """Who owns `name`, as far as the lake tells: one of another machine may have died without a word."""
+    """Tell who owns `name`, as far as the lake says: one of another machine may have died without a word."""
     holders = _newest(storage, name).holders
     return holders[0] if holders else None
 
 
 def is_held(storage: Storage, name: str) -> bool:
-    """True while a process owns `name`, as far as the lake tells."""
+    """Return whether a process owns `name`, as far as the lake tells."""
     return holder_of(storage, name) is not None
 
 
 def require_owned(storage: Storage) -> None:
-    """Asked before rows become visible: what this process took over in the lake must still be its own.
+    """Check before rows become visible that what this process took over in the lake is still its own.
 
     Raises:
         LostLeaseError: it is not.
@@ -224,7 +224,7 @@ def require_owned(storage: Storage) -> None:
 
 
 def now_s() -> float:
-    """Seconds that no person or server can set, and that count while a machine sleeps."""
+    """Return seconds that no person or server can set, and that count while a machine sleeps."""
     return time.clock_gettime(time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic()
 
 
@@ -289,7 +289,7 @@ def _text(holder: Holder, beat: int) -> str:
 
 
 def _parsed(text: str) -> Holder:
-    """Who made it; a file that says nothing is of somebody elsewhere, who beats or does not."""
+    """Read who made it; a file that says nothing is of somebody elsewhere, who beats or does not."""
     try:
         found = json.loads(text)
         return Holder(**{name: found[name] for name in Holder._fields})
@@ -308,7 +308,7 @@ def _key(storage: Storage) -> Path:
 
 @cache
 def _machine() -> str:
-    """This machine since it was started, as processes see it: those of another container are not seen."""
+    """Name this machine since it was started, as processes see it: those of another container are not seen."""
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
         return f"{boot}/{os.readlink('/proc/self/ns/pid')}"
@@ -317,7 +317,7 @@ def _machine() -> str:
 
 
 def _start_of(pid: int) -> str:
-    """When a process of this machine began, in a form that no clock changes; empty for one that is gone."""
+    """Tell when a process of this machine began, in a form that no clock changes; empty for one that is gone."""
     try:
         status = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
         return "" if status[0] == "Z" else status[19]  # fields 3 and 22 of proc(5)

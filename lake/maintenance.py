@@ -138,7 +138,7 @@ def compact_all(lake: Lake) -> None:
 
 
 def stats(lake: Lake) -> list[TableStats]:
-    """Files, rows, size and age of every table."""
+    """List files, rows, size and age of every table."""
     return [_table_stats(lake, row_type) for row_type in TABLES]
 
 
@@ -153,7 +153,7 @@ def _table_stats(lake: Lake, row_type: type[Row]) -> TableStats:
 
 
 def _groups(files: dict[str, Signature], target_bytes: int) -> Iterator[dict[str, Signature]]:
-    """Small files in groups of at most the target size; one file alone is left alone."""
+    """Yield small files in groups of at most the target size; leave one file alone as it is."""
     chosen = _small_files(files, target_bytes)
     group: dict[str, Signature] = {}
     size = 0
@@ -170,7 +170,7 @@ def _groups(files: dict[str, Signature], target_bytes: int) -> Iterator[dict[str
 
 
 def _small_files(files: dict[str, Signature], target_bytes: int) -> set[str]:
-    """Files worth merging: the largest has all others together in its size, so that a row is written few times."""
+    """Find files worth merging, the largest no larger than all others together, so a row is written few times."""
     names = sorted((name for name in files if files[name][1] < target_bytes // 2), key=lambda name: files[name][1])
     n_chosen = total = 0
     for n_smaller, name in enumerate(names):
@@ -196,7 +196,7 @@ def _merge(storage: Storage, row_type: type[Row], group: dict[str, Signature]) -
 
 
 def _read_merged(folder: Path, row_type: type[Row], names: list[str]) -> pa.Table:
-    """All rows of the files in their order and by id, with today's columns, exact copies once.
+    """Read all rows of the files in their order and by id, with today's columns, exact copies once.
 
     Rows of one tool, batch and campaign stay together, so that a question about one of them reads few row groups.
     """
@@ -220,7 +220,7 @@ def _read_merged(folder: Path, row_type: type[Row], names: list[str]) -> pa.Tabl
 
 
 def _samples_of(row_type: type[Row]) -> frozenset[str]:
-    """Columns of samples: ids and numbers tell merged files apart, and hashing all takes as long as writing."""
+    """Return columns of samples: ids and numbers tell merged files apart; hashing all takes as long as writing."""
     lists = frozenset(field.name for field in schema_of(row_type) if pa.types.is_list(field.type))
     return lists if has_samples(row_type) else frozenset()
 

@@ -31,7 +31,7 @@ class LogicalClock:
             self._last = max(self._last, largest)
 
     def next(self) -> int:
-        """A number for an append, larger than all before."""
+        """Return a number for an append, larger than all before."""
         with self._lock:
             self._last += 1
             return self._last

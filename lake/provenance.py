@@ -38,7 +38,7 @@ class ProvenanceColumns(Provenance):
 
 
 def current_provenance(config_hash: str = "", seed: int = 0, parents: Sequence[str] = ()) -> Provenance:
-    """Provenance of rows made by the code that is running now.
+    """Return the provenance of rows made by the code that is running now.
 
     The code version is the git commit (dirty when tracked files differ from it), or the version of the
     installed package where there is no repository. It is read once a process.
@@ -54,7 +54,7 @@ def current_provenance(config_hash: str = "", seed: int = 0, parents: Sequence[s
 
 
 def stamped(provenance: Provenance, sequence: int) -> ProvenanceColumns:
-    """Provenance with its number (see `lake.order`) and its time: its own, or now."""
+    """Return provenance with its number (see `lake.order`) and its time: its own, or now."""
     values = provenance.model_dump()
     values["created_at"] = provenance.created_at or datetime.now(UTC)
     return ProvenanceColumns(**values, sequence=sequence)
@@ -70,7 +70,7 @@ def _code_version() -> tuple[str, bool]:
 
 
 def _git(folder: Path, *arguments: str) -> str | None:
-    """Output of a git command, or None where git, the repository or the file is missing."""
+    """Return the output of a git command, or None where git, the repository or the file is missing."""
     command = ["git", "-C", str(folder), *arguments]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_GIT_TIMEOUT_S, check=True)

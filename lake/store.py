@@ -84,7 +84,7 @@ class Lake:
 
     @classmethod
     def exists(cls, address: Path | str) -> bool:
-        """True when there is a lake at `address`.
+        """Return whether there is a lake at `address`.
 
         Raises:
             FastError: the place cannot be read.
@@ -126,7 +126,7 @@ class Lake:
                 self.storage.remove(final.parent, copies)
 
     def query(self, sql: str, params: Sequence[Any] | dict[str, Any] | None = None) -> pa.Table:
-        """Result of one SELECT over the tables, views and macros, with the rows of this moment.
+        """Return the result of one SELECT over the tables, views and macros, with the rows of this moment.
 
         Raises:
             UsageError: it is not one reading statement.
@@ -140,7 +140,7 @@ class Lake:
         return self._query(sql, params, tables_used(sql), views_used(sql))
 
     def rows(self, table: type[Row], **equals: Any) -> list[dict[str, Any]]:
-        """Rows of a table as dicts with all columns, oldest first; `equals` are column = value filters.
+        """Return rows of a table as dicts with all columns, oldest first; `equals` are column = value filters.
 
         A value may be a list or tuple: any of these. None finds empty values.
 
@@ -150,7 +150,7 @@ class Lake:
         return self._rows(table, "*", equals)
 
     def query_kept(self, sql: str, params: Sequence[Any] | dict[str, Any]) -> pa.Table:
-        """The same as `query`, for a question whose answer follows from the rows: answered once until they change.
+        """Return the same as `query` where the answer follows from the rows: answered once until they change.
 
         Raises:
             UsageError: it is not one reading statement.
@@ -160,7 +160,7 @@ class Lake:
         return self._query(sql, params, tables_used(sql), views_used(sql), is_kept=True)
 
     def records(self, table: type[R], **equals: Any) -> list[R]:
-        """Like `rows`, as row records, without provenance."""
+        """Return the same as `rows`, as row records, without provenance."""
         columns = ", ".join(f'"{name}"' for name in table.model_fields)  # provenance names the rows behind a fit: all
         return [table.model_validate(row) for row in self._rows(table, columns, equals)]
 
@@ -170,20 +170,20 @@ class Lake:
         return self._query(sql, values, {table.table}, is_kept=True).to_pylist()
 
     def ids(self, table: type[Row], **equals: Any) -> set[Any]:
-        """Ids of the rows that `rows` would give; the cheap way to ask what is there."""
+        """Return ids of the rows that `rows` would give; the cheap way to ask what is there."""
         where, values = _conditions(table, equals)
         key = table.id_column()
         found = self._query(f"SELECT {key} FROM {_index(table, where)} {where}", values, {table.table}, is_kept=True)
         return set(found.column(0).to_pylist())
 
     def has(self, table: type[Row] | str, row_id: str | int) -> bool:
-        """True when the table has a row with this id."""
+        """Return whether the table has a row with this id."""
         row_type = TABLE_BY_NAME[table] if isinstance(table, str) else table
         sql = f"SELECT 1 FROM raw_{row_type.table} WHERE {row_type.id_column()} = ? LIMIT 1"
         return self._query(sql, [row_id], {row_type.table}).num_rows > 0
 
     def trace(self, row_id: str, table: type[TraceRow] | type[SimTraceRow] = TraceRow) -> Trace:
-        """Samples of one grasp (or simulation), read from its file alone.
+        """Read the samples of one grasp (or simulation) from its file alone.
 
         Raises:
             LakeError: there is no such trace.
@@ -206,13 +206,13 @@ class Lake:
 
     @contextmanager
     def reading(self, sql: str) -> Iterator[Engine]:
-        """What answers this query, in step with the tables that it reads; others wait until it is given back."""
+        """Lend what answers this query, in step with the tables that it reads; others wait until it is given back."""
         with self._synced(tables_used(sql)) as engine:
             engine.define_views()  # people ask what there is, and for what is nearly its name
             yield engine
 
     def find_object(self, object_id: int) -> RigidObject | None:
-        """The own object with this number, if the lake has it."""
+        """Find the own object with this number, if the lake has it."""
         try:
             rows = self.records(ObjectRow, object_id=object_id)
         except FastError:  # a lake that is gone or cannot be read has no objects
@@ -220,7 +220,7 @@ class Lake:
         return rows[-1].own_object if rows else None
 
     def mark(self, table: type[Row]) -> Mark:
-        """How far the table goes now: the cheap way to ask whether anything came to it since the last mark.
+        """Return how far the table goes now: the cheap way to ask whether anything came to it since the last mark.
 
         Raises:
             LakeError: the lake cannot be read.
@@ -229,7 +229,7 @@ class Lake:
             return engine.mark(table.table)
 
     def connect(self) -> duckdb.DuckDBPyConnection:
-        """A DuckDB connection to the rows of this moment, with all views and macros.
+        """Return a DuckDB connection to the rows of this moment, with all views and macros.
 
         It has no access to files, network or extensions, and its configuration is locked; what is
         created on it stays in its memory. Traces are read from the files when asked for; connect again
@@ -254,7 +254,7 @@ class Lake:
             self._engine = None
 
     def _leave_parent(self) -> None:
-        """In a forked process, set the parent's connection and lock aside: using or closing them would hang."""
+        """Set the parent's connection and lock aside in a forked process: using or closing them would hang."""
         if self._pid != os.getpid():
             self._of_parent += [self._engine, self._lock]
             self._lock, self._engine, self._pid = threading.RLock(), None, os.getpid()
@@ -281,7 +281,7 @@ class Lake:
 
     @contextmanager
     def _synced(self, tables: set[str], views: set[str] | None = None) -> Iterator[Engine]:
-        """The engine with these tables read; `views`: those whose view is used, None is all of them."""
+        """Yield the engine with these tables read; `views`: those whose view is used, None is all of them."""
         self._leave_parent()
         with self._lock:
             if self._engine is None:
@@ -309,12 +309,12 @@ class Lake:
 
 
 def _index(table: type[Row], where: str) -> str:
-    """Where ids are read from: of the traces the index does, if no other column is asked for."""
+    """Return where ids are read from: of the traces the index does, if no other column is asked for."""
     return f"raw_{table.table}" if has_samples(table) and not where else table.table
 
 
 def _by_table(rows: Sequence[Row]) -> list[tuple[type[Row], list[Row]]]:
-    """Rows by table in the order of `TABLES`, each id once."""
+    """Group rows by table in the order of `TABLES`, each id once."""
     groups: dict[type[Row], list[Row]] = {}
     for row in rows:
         groups.setdefault(type(row), []).append(row)
@@ -322,7 +322,7 @@ def _by_table(rows: Sequence[Row]) -> list[tuple[type[Row], list[Row]]]:
 
 
 def _without_copies(rows: list[Row]) -> list[Row]:
-    """Rows of one table, each id once.
+    """Return rows of one table, each id once.
 
     Raises:
         LakeError: two rows with one id differ.

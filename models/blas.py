@@ -10,7 +10,7 @@ _BRING_BLAS = {"numpy", "scipy.linalg", "torch"}
 
 
 def one_blas_thread() -> AbstractContextManager[object]:
-    """Context in which BLAS and LAPACK use one thread.
+    """Make a context in which BLAS and LAPACK use one thread.
 
     A fit factors matrices of a few hundred rows many times; threads cost ten times the CPU there and make the
     last digits depend on the number of cores.
@@ -20,5 +20,5 @@ def one_blas_thread() -> AbstractContextManager[object]:
 
 @cache
 def _controller(brought: frozenset[str]) -> ThreadpoolController:
-    """Of the libraries that these packages loaded; to look for them takes 5 ms, longer than many a small problem."""
+    """Make the controller of libraries these packages loaded; a look takes 5 ms, longer than many a small problem."""
     return ThreadpoolController()

@@ -74,10 +74,10 @@ class LakeError(FastError):
 
 
 def describe_cause(error: OSError) -> str:
-    """Why a folder cannot be written; a file in its place is "File exists" to the system."""
+    """Tell why a folder cannot be written; a file in its place is "File exists" to the system."""
     return f"{error.filename} is no folder" if isinstance(error, FileExistsError) else str(error.strerror)
 
 
 def spell_reason(reason: str) -> str:
-    """A reason that a simulation failed in words; one that is a sentence already, or of another version, as it is."""
+    """Spell why a simulation failed in words; a reason that is a sentence already, or of another version, as it is."""
     return REASON_WORDS.get(reason, reason)

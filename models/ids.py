@@ -33,12 +33,12 @@ PREFIXES = {
 
 
 def canonical_json(payload: Any) -> str:
-    """JSON with sorted keys and no spaces; floats as Python's shortest round-trip text."""
+    """Write JSON with sorted keys and no spaces; floats as Python's shortest round-trip text."""
     return json.dumps(payload, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
 def content_id(prefix: str, payload: Any) -> str:
-    """`prefix` (one of `PREFIXES`) plus 12 hex digits of the SHA-256 of `payload` (any JSON value).
+    """Return `prefix` (one of `PREFIXES`) plus 12 hex digits of the SHA-256 of `payload` (any JSON value).
 
     >>> content_id("K", ["B01T0", 30, 0, 0])
     'K32e915377c6e'
@@ -49,15 +49,15 @@ def content_id(prefix: str, payload: Any) -> str:
 
 
 def seed_from(*parts: Any) -> int:
-    """A 63-bit random seed derived from its parts, so that a resumed task draws the same numbers."""
+    """Derive a 63-bit random seed from its parts, so that a resumed task draws the same numbers."""
     return int(hashlib.sha256(canonical_json(list(parts)).encode()).hexdigest()[:16], 16) >> 1
 
 
 def tool_label(batch: int, slot: int) -> str:
-    """Short label of a tool as the paper prints it: batch 7, slot 8 is `B07T8`."""
+    """Return the short label of a tool as the paper prints it: batch 7, slot 8 is `B07T8`."""
     return f"B{batch:02d}T{slot}"
 
 
 def id_in_lab(id_: str, lab: str | None) -> str:
-    """`<lab>.<id>`, so that ids of two labs never meet; the id itself where the lab has no name, or is in it."""
+    """Return `<lab>.<id>`, so that ids of two labs never meet; the id itself if the lab has no name, or is in it."""
     return id_ if lab is None or id_.startswith(f"{lab}.") else f"{lab}.{id_}"

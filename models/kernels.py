@@ -36,7 +36,7 @@ def compile_once(call_kernels: Callable[[], object]) -> None:
 
 
 def is_compiler() -> None:
-    """This process is the one that others wait for: it asks nobody to compile."""
+    """Make this process the one that others wait for: it asks nobody to compile."""
     gc.set_threshold(50_000)  # as `fast` has it: a tenth of the time
     _BEGUN.add(os.getpid())
 
@@ -56,7 +56,7 @@ def _compile(call_kernels: Callable[[], object]) -> None:
 
 @contextmanager
 def _alone(lock: Path) -> Iterator[None]:
-    """Within, no other process of this computer is, but for one that has waited too long: its peer may be halted.
+    """Keep other processes of this computer out within, but for one that has waited too long: its peer may be halted.
 
     The file says whose turn it is, terminal and process. Where there are no locks, no right to the file, or no room on
     the disk, nobody waits.
@@ -79,7 +79,7 @@ def _wait_for(file: TextIO) -> None:
 
 
 def _name_code() -> str:
-    """What numba compiled: sources, its version, and for which processor."""
+    """Name what numba compiled: sources, its version, and for which processor."""
     import llvmlite.binding
     import numba
 
@@ -89,7 +89,7 @@ def _name_code() -> str:
 
 @contextmanager
 def _told(ready: Path, lock: Path) -> Iterator[None]:
-    """Within, a line is written every few seconds, unless another process of this terminal writes it."""
+    """Write a line every few seconds within, unless another process of this terminal writes it."""
     started, over = time.monotonic(), threading.Event()
 
     def say() -> None:

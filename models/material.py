@@ -81,7 +81,7 @@ class MaterialLot(Record):
 
 
 def modulus_of_hardness_mpa(hardness_shore_a: float) -> float:
-    """Young's modulus of a rubber by its Shore A hardness S (Gent 1958, Rubber Chem. Technol. 31, 896), MPa.
+    """Compute Young's modulus of a rubber by its Shore A hardness S (Gent 1958, Rubber Chem. Technol. 31, 896), MPa.
 
         E = 0.0981 (56 + 7.62336 S) / (0.137505 (254 - 2.54 S))
 
@@ -94,7 +94,7 @@ def modulus_of_hardness_mpa(hardness_shore_a: float) -> float:
 def find_lot_questions(
     name: str, lot: MaterialLot, new: Sequence[str], others: Mapping[str, MaterialLot], tools_shore_a: float | None
 ) -> list[Question]:
-    """Questions about new quantities of a lot; `others`: lots of the lake, `tools_shore_a`: of its printed tools."""
+    """Ask about new quantities of a lot; `others`: lots of the lake, `tools_shore_a`: of its printed tools."""
     found: list[Question] = []
     for number, quantity in enumerate(new):
         measured = lot.measured[quantity]
@@ -147,7 +147,7 @@ def _ask_friction(place: str, value: float, number: int) -> list[Question]:
 
 
 def _ask_excess(place: str, value: float, number: int) -> list[Question]:
-    """The kind of reading that a gap search asks for as `tensile_bar`."""
+    """Ask about a reading of the kind that a gap search asks for as `tensile_bar`."""
     from fast.models.gap.ask.person import find_reading_questions
 
     return [_place(question, place, number) for question in find_reading_questions("tensile_bar", value)]
@@ -158,7 +158,7 @@ def _place(question: Question, place: str, number: int) -> Question:
 
 
 def _ask_scatter(place: str, measured: MaterialMeasurement, number: int) -> list[Question]:
-    """The scatter of single tests in another unit than their mean, or with a slip of its decimal point."""
+    """Ask about a scatter of single tests in another unit than their mean, or with a slip of its decimal point."""
     if measured.sd is None or measured.value == 0.0:
         return []
     share = measured.sd / abs(measured.value)
@@ -184,7 +184,7 @@ def _forbid(
 
 
 def _find_copies(name: str, lot: MaterialLot, new: Sequence[str], others: Mapping[str, MaterialLot]) -> list[Question]:
-    """Numbers of another lot to the last digit, with another source: copied, or told under two names."""
+    """Find numbers of another lot to the last digit, with another source: copied, or told under two names."""
     for other, theirs in others.items():
         same = [
             number

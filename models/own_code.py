@@ -21,12 +21,12 @@ _NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 
 
 def is_own(name: str) -> bool:
-    """Whether a config's value names a function of the user's own."""
+    """Return whether a config's value names a function of the user's own."""
     return _NAME.fullmatch(name) is not None
 
 
 def load_own(name: str) -> Callable[..., Any]:
-    """The function `module:function`; its module is installed, or lies in the folder that `fast` was started in.
+    """Load the function `module:function`; its module is installed, or lies in the folder that `fast` started in.
 
     Raises:
         UsageError: there is no such module or function, or the module cannot be imported.
@@ -43,7 +43,7 @@ def load_own(name: str) -> Callable[..., Any]:
 
 
 def call_own(name: str, *arguments: object) -> Any:
-    """What the user's function gives for these arguments.
+    """Return what the user's function gives for these arguments.
 
     Raises:
         UsageError: it cannot be found, or fails.
@@ -56,7 +56,7 @@ def call_own(name: str, *arguments: object) -> Any:
 
 
 def load_constraint(name: str) -> Callable[[Design], bool]:
-    """The user's function `module:function` of a design, which says whether the design may be made.
+    """Load the user's function `module:function` of a design, which says whether the design may be made.
 
     Raises:
         UsageError: it cannot be found; when called: it fails, or its answer is neither True nor False.

@@ -38,7 +38,7 @@ class Slip(NamedTuple):
 
 
 def slips_of_factor(value: float, units: dict[str, float]) -> list[Slip]:
-    """Slips that multiply a number: another unit (what one of it is, in the right unit) or a decimal point."""
+    """List slips that multiply a number: another unit (what one of it is, in the right unit) or a decimal point."""
     points = [Slip("decimal point", "a decimal point", value * factor) for factor in DECIMALS]
     return points + [Slip("unit", name, value * factor) for name, factor in units.items()]
 
@@ -46,7 +46,7 @@ def slips_of_factor(value: float, units: dict[str, float]) -> list[Slip]:
 def ask_of(
     place: str, told: str, number: int, slips: Iterable[Slip], distance_sd: Callable[[float], float], unit: str
 ) -> Question:
-    """The question about a number that is not what was expected.
+    """Make the question about a number that is not what was expected.
 
     told: the number and what it stands beside. distance_sd: how far from what is expected a number is, in its sd.
     """
@@ -63,12 +63,12 @@ def ask_of(
 
 
 def apart_of(expected: float, sd: float) -> Callable[[float], float]:
-    """How far a number is from what is expected, in standard deviations."""
+    """Measure how far a number is from what is expected, in standard deviations."""
     return lambda meant: abs(meant - expected) / sd
 
 
 def apart_of_log(median: float, ln_sd: float) -> Callable[[float], float]:
-    """How far the logarithm of a number is from what is expected, in its standard deviations."""
+    """Measure how far the logarithm of a number is from what is expected, in its standard deviations."""
     return lambda meant: abs(math.log(meant / median)) / ln_sd if meant > 0 else math.inf
 
 
@@ -77,7 +77,7 @@ def _name(slips: Sequence[Slip]) -> str:
 
 
 def settle(questions: Sequence[Question], is_sure: bool, remedy: str = "Correct it", way: str = "--sure") -> str | None:
-    """What was strange, by kind, of what is told all the same; None if nothing was. way: how to say that it is so.
+    """Return what was strange, by kind, of what is told all the same; None if nothing. way: how to say that it is so.
 
     Raises:
         UsageError: something cannot be, or is strange and nobody is sure of it.

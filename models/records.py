@@ -75,7 +75,7 @@ class Design(GivenRecord):
         return 0.2 * self.height_mm
 
     def draw_section(self, fillet_mm: float = 0.5, arc_segments: int = 4) -> "Polygon":
-        """The compliant body in the (x, z) plane, mm, with its voids as holes; extruded over the width.
+        """Draw the compliant body in the (x, z) plane, mm, its voids as holes; extruded over the width.
 
         x = 0 is the front wall, which touches the object; the other points lie at x > 0. z runs from the top of the
         rigid base (`models.design.fin_ray.BASE_HEIGHT_MM`) to the apex (`height_mm`). Inner corners may carry fillets
@@ -84,17 +84,17 @@ class Design(GivenRecord):
         raise NotImplementedError(f"the family {type(self).__name__} has no `draw_section`")
 
     def list_voids(self) -> "list[Polygon]":
-        """The voids above the base as drawn with sharp corners, mm: what a printer fills with support."""
+        """List the voids above the base drawn with sharp corners, mm: what a printer fills with support."""
         from shapely.geometry import Polygon
 
         return [Polygon(ring) for ring in self.draw_section(0.0).interiors]
 
     def measure_section_mm2(self) -> float:
-        """Area of the section as drawn with sharp corners."""
+        """Measure the area of the section as drawn with sharp corners."""
         return float(self.draw_section(0.0).area)
 
     def scale_modulus(self, points: np.ndarray) -> np.ndarray | float:
-        """Factor (n) on Young's modulus at points (n, 2) of the section, x and z in mm: a second material."""
+        """Compute a factor (n) on Young's modulus at points (n, 2) of the section, x and z in mm: a second material."""
         return 1.0
 
 
@@ -154,7 +154,7 @@ class GraspSetup(GivenRecord):
             )
 
     def timed_as(self, other: "GraspSetup") -> "GraspSetup":
-        """This stroke with the speeds, dwell and air of another setup.
+        """Return this stroke with the speeds, dwell and air of another setup.
 
         The simulator is quasi-static: setups that are equal then have the same finite elements, at other times.
         """
@@ -172,7 +172,7 @@ class EffectValue(GivenRecord):
     parameters: dict[str, float] = Field(default_factory=dict)
 
     def __hash__(self) -> int:
-        """Of the content, so that simulator versions with effects can be keys."""
+        """Hash the content, so that simulator versions with effects can be keys."""
         return hash((self.effect, frozenset(self.parameters.items())))
 
 
@@ -192,7 +192,7 @@ class Placement(GivenRecord):
 
 
 def find_setup_id(setup: GraspSetup, placement: Placement) -> str:
-    """Id of a setup with a placement that was asked for; at the nominal placement that of the setup."""
+    """Find the id of a setup with a placement that was asked for; at the nominal placement that of the setup."""
     if placement == Placement():
         return setup.setup_id
     return content_id("G", [setup.setup_id, {name: float(x) for name, x in placement.model_dump().items()}])

@@ -32,12 +32,12 @@ _SOLVER_SOURCES = ("design", "objects", "records.py", "simulation")
 
 @cache
 def solver_id() -> str:
-    """Id of the source code that decides a simulated number, 12 hex digits."""
+    """Return the id of the source code that decides a simulated number, 12 hex digits."""
     return source_id(Path(__file__).parent, _SOLVER_SOURCES)
 
 
 def source_id(root: Path, names: Iterable[str]) -> str:
-    """Id of the Python files and folders `names` under `root`, 12 hex digits."""
+    """Return the id of the Python files and folders `names` under `root`, 12 hex digits."""
     sources = sorted(file for name in names for file in _python_files(root / name))
     digest = hashlib.sha256()
     for file in sources:
@@ -104,7 +104,7 @@ def _used_at(folder: Path) -> float:
 
 
 def cache_folder(package: Path) -> Path:
-    """Where what is costly to make is kept for the next process: beside the package, or in the home folder.
+    """Return where what is costly to make is kept for the next process: beside the package, or in the home folder.
 
     Where neither can be written it is a temporary folder, which goes with this process.
     """
@@ -115,7 +115,7 @@ def cache_folder(package: Path) -> Path:
 
 
 def _spare_matplotlib(package: Path) -> None:
-    """Matplotlib, not yet imported, would say in every process that it cannot write, and list its fonts anew."""
+    """Spare matplotlib, not yet imported, from saying per process that it cannot write, and listing fonts anew."""
     given = os.environ.get(_FIGURES)
     usual = (folder_of_person("XDG_CONFIG_HOME", ".config"), folder_of_person("XDG_CACHE_HOME", ".cache"))
     if not all(map(_can_write, [Path(given)] if given else usual)):
@@ -149,7 +149,7 @@ def _can_write(folder: Path) -> bool:
 
 
 def source_stamp(package: Path) -> str:
-    """Twelve hex digits that change when any module of the chapters with kernels is added, removed, written or moved.
+    """Return 12 hex digits that change when any module of chapters with kernels is added, removed, written or moved.
 
     Numba finds nothing that it compiled for a module elsewhere, as in a copy of the folder.
     """

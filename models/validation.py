@@ -40,7 +40,7 @@ _LIMIT_WORDS = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
-    """Values of a TOML text; `source` names it in messages.
+    """Parse the values of a TOML text; `source` names it in messages.
 
     Raises:
         ConfigError: it is not TOML.
@@ -54,7 +54,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
 
 
 def parse_json(text: str, source: str) -> Any:
-    """Values of a JSON text; `source` names it in messages.
+    """Parse the values of a JSON text; `source` names it in messages.
 
     Raises:
         ConfigError: it is not JSON, or a table has a key twice.
@@ -105,7 +105,7 @@ def check_type(given: object, kind: type, name: str, what: str = "") -> None:
 
 
 def check_whole(given: object, name: str, least: int | None = 0) -> int:
-    """A whole number of at least `least`, if that is given, also one of numpy.
+    """Check for a whole number of at least `least`, if that is given, also one of numpy.
 
     Raises:
         UsageError: it is none.
@@ -119,7 +119,7 @@ def check_whole(given: object, name: str, least: int | None = 0) -> int:
 
 
 def check_again(record: R, source: str) -> R:
-    """The record with its values checked, which `model_copy(update=...)` leaves out; `source` names it in messages.
+    """Return the record with its values checked, as `model_copy(update=...)` does not; `source` names it in messages.
 
     Raises:
         ConfigError: as `load_record`.
@@ -128,13 +128,13 @@ def check_again(record: R, source: str) -> R:
 
 
 def _content(record: BaseModel) -> dict[str, Any]:
-    """Values by key, of records within it too, also keys that it does not have; without cached properties."""
+    """Return values by key, of records within it too, also keys it does not have; without cached properties."""
     own = {name: value for name, value in record if not hasattr(type(record), name)}
     return {name: _content(value) if isinstance(value, BaseModel) else value for name, value in own.items()}
 
 
 def describe_faults(record_type: type[BaseModel], error: ValidationError) -> str:
-    """What is wrong with the values of a record: a sentence each, with value, limit, unit and what to do."""
+    """Describe what is wrong with the values of a record: a sentence each, with value, limit, unit and what to do."""
     faults = _join_choices(error.errors())
     absent = [_path(fault) for fault in faults if fault["type"] == "missing"]
     sentences = [_missing_sentence(absent)] if absent else []
@@ -143,7 +143,7 @@ def describe_faults(record_type: type[BaseModel], error: ValidationError) -> str
 
 
 def _join_choices(faults: Sequence[Any]) -> list[Any]:
-    """Faults by the keys that people know: of a value that fits none of several types, one instead of one for each.
+    """Join faults by the keys that people know: one instead of one per type where a value fits none of several types.
 
     pydantic puts the type into the path, as in `('objects', 'ids', 'tuple[int, ...]', 1)`.
     """
@@ -166,17 +166,17 @@ def _is_type(part: int | str) -> bool:
 
 
 def plain(value: Any) -> Any:
-    """The value as Python's own number or text, if it is a scalar of numpy, pandas or torch."""
+    """Return the value as Python's own number or text, if it is a scalar of numpy, pandas or torch."""
     return value.item() if getattr(value, "shape", None) == () else value
 
 
 def is_text(value: str) -> bool:
-    """Whether a string can be written and be part of a path: no NUL, and nothing that UTF-8 cannot say."""
+    """Return whether a string can be written and be part of a path: no NUL, and nothing that UTF-8 cannot say."""
     return "\0" not in value and value == value.encode(errors="replace").decode()
 
 
 def _refuse_booleans(given: dict[str, Any], taken: dict[str, Any], source: str) -> None:
-    """Raises ConfigError where `true` or `false` was taken for a number, as pydantic does."""
+    """Raise ConfigError where `true` or `false` was taken for a number, as pydantic does."""
     for path, value in given.items():
         if isinstance(value, bool) and isinstance(taken.get(path, value), int | float) and taken.get(path) is not value:
             word = str(value).lower()
@@ -184,7 +184,7 @@ def _refuse_booleans(given: dict[str, Any], taken: dict[str, Any], source: str) 
 
 
 def _values(data: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """`(section.key, value)` of all values of nested data that are no tables or lists themselves."""
+    """Yield `(section.key, value)` of all values of nested data that are no tables or lists themselves."""
     if isinstance(data, dict):
         items = [(str(key), value) for key, value in data.items()]
     elif isinstance(data, list | tuple):
@@ -197,7 +197,7 @@ def _values(data: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def closest(word: str, known: list[str]) -> str:
-    """`did you mean X?` for a near miss, else the list of what is known."""
+    """Ask `did you mean X?` for a near miss, else list what is known."""
     if not known:
         return "there are none."
     near = difflib.get_close_matches(word, known, n=1, cutoff=0.55)
@@ -234,14 +234,14 @@ def _sentence(record_type: type[BaseModel], fault: Any) -> str:
 
 
 def _wanted(fault: Any) -> str:
-    """What a value must be, in words; empty where the fault is of another kind."""
+    """Say what a value must be, in words; empty where the fault is of another kind."""
     if fault["type"] == "literal_error":
         return str(fault["ctx"]["expected"])
     return _KIND_WORDS.get(fault["type"], "")
 
 
 def _shorten(value: Any) -> str:
-    """A value as it was written, its beginning if it is long."""
+    """Return a value as it was written, its beginning if it is long."""
     text = repr(value)
     return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
 
@@ -267,7 +267,7 @@ def _fields_at(record_type: type[BaseModel], path: tuple[Any, ...]) -> dict[str,
 
 
 def _records_in(annotation: Any) -> Iterator[type[BaseModel]]:
-    """The record types of which a value may be, or be made."""
+    """Yield the record types of which a value may be, or be made."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for inner in get_args(annotation):

@@ -59,7 +59,7 @@ class ObjectFile(Record):
 
 
 def read_object(path: Path) -> RigidObject:
-    """The own object of a file, known to this process from now on.
+    """Read the own object of a file, known to this process from now on.
 
     Raises:
         ConfigError: the file is missing, cannot be read, or is no object that the bench can hold.
@@ -76,7 +76,7 @@ def read_object(path: Path) -> RigidObject:
 
 
 def read_objects(paths: Sequence[Path]) -> list[RigidObject]:
-    """Own objects of several files.
+    """Read own objects of several files.
 
     Raises:
         ConfigError: as `read_object`, or two files hold the same object or have the same name.
@@ -129,7 +129,7 @@ def _refuse_solid(path: Path) -> None:
 
 
 def _read_mesh(path: Path) -> trimesh.Trimesh:
-    """The mesh of a file in mm, equal corners of its triangles made one."""
+    """Read the mesh of a file in mm, equal corners of its triangles made one."""
     data, kind = _read_bytes(path), path.suffix.lower().removeprefix(".")
     logging.getLogger("trimesh").setLevel(logging.ERROR)
     try:
@@ -148,7 +148,7 @@ def _read_mesh(path: Path) -> trimesh.Trimesh:
 
 
 def _crosses_itself(mesh: trimesh.Trimesh) -> bool:
-    """Whether a body's own faces cross: with itself it then makes another volume. Large meshes are not looked at."""
+    """Return whether a body's own faces cross: with itself it then makes another volume. Skip large meshes."""
     if len(mesh.faces) > _MOST_CROSSED:
         return False
     with np.errstate(invalid="ignore", divide="ignore"):  # what has no volume has no centre
@@ -161,7 +161,7 @@ def _crosses_itself(mesh: trimesh.Trimesh) -> bool:
 
 
 def _name_of(path: Path) -> str:
-    """Name of an object after its file: what a name cannot hold becomes `-`, and it begins with a letter."""
+    """Name an object after its file: what a name cannot hold becomes `-`, and it begins with a letter."""
     plain = unicodedata.normalize("NFKD", path.stem).encode("ascii", "ignore").decode()
     name = re.sub(r"[^A-Za-z0-9 _-]+", "-", plain).strip("- ")
     return (name if name[:1].isalpha() else f"object {name}".strip())[:MOST_LETTERS]
@@ -180,7 +180,7 @@ def _read_bytes(path: Path) -> bytes:
 
 
 def find_object(text: str, lake: Path | str) -> RigidObject:
-    """The object that a person named: by number, by name (of the 36 or an own one of the lake), or by its file.
+    """Find the object that a person named: by number, by name (of the 36 or an own one of the lake), or by its file.
 
     A warning says of a mesh of an earlier version, whose sharp edges are rounded, that its forces may be off.
 
@@ -218,7 +218,7 @@ def _find(text: str, lake: Path | str) -> RigidObject:
 
 
 def own_objects(lake: Path | str) -> list[RigidObject]:
-    """Own objects of a lake, by name, known to this process from now on; none where there is no lake."""
+    """List the own objects of a lake, by name, known to this process from now on; none where there is no lake."""
     if not Lake.exists(lake):
         return []
     found = Lake.open(lake)

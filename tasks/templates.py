@@ -17,7 +17,7 @@ DASH = "–"
 
 
 def render(template: str, **values: object) -> str:
-    """The HTML of a template with its values.
+    """Render the HTML of a template with its values.
 
     Raises:
         jinja2.UndefinedError: the template shows a value that was not given.
@@ -27,7 +27,7 @@ def render(template: str, **values: object) -> str:
 
 @cache
 def find_environment() -> Environment:
-    """The environment, made once a process: filters for numbers and times, the stylesheet as a global."""
+    """Return the environment, made once a process: filters for numbers and times, the stylesheet as a global."""
     made = Environment(
         loader=PackageLoader("fast", ""),
         autoescape=True,
@@ -50,10 +50,10 @@ def number(value: float | None, digits: int = 1, unit: str = "", dash: str = DAS
 
 
 def count(n: int, noun: str) -> str:
-    """A number of things: `1 tool`, `3 tools`."""
+    """Write a number of things: `1 tool`, `3 tools`."""
     return f"{number(n, 0)} {noun}{'' if n == 1 else 's'}"
 
 
 def moment(value: datetime | None) -> str:
-    """Date and time to the minute, as stored (UTC)."""
+    """Write date and time to the minute, as stored (UTC)."""
     return DASH if value is None else value.strftime("%Y-%m-%d %H:%M")

@@ -125,7 +125,7 @@ def _calibrate_traces(lake: Lake, request: CalibrationRequest, reporter: Progres
 def _take_lot(
     lake: Lake, request: CalibrationRequest, campaign_ids: Collection[str], reporter: ProgressReporter
 ) -> tuple[CalibrationSettings, tuple[str, ...]]:
-    """Settings with the priors of the lot, if there is one, and the ids of what was measured of it."""
+    """Return settings with the priors of the lot, if there is one, and the ids of what was measured of it."""
     settings, lot = take_lot(lake, request.settings, request.lot, campaign_ids)
     if lot is None:
         return settings, ()

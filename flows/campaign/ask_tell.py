@@ -60,7 +60,7 @@ class AskedBatch:
 def ask(
     config_path: Path | str, lake: Path | str, out: Path | str | None = None, say: Callable[[str], None] = print
 ) -> AskedBatch | None:
-    """The batch that is to be measured next: the one that is open, or a new one; None when there is none to come.
+    """Return the batch that is to be measured next: the open one, or a new one; None when there is none to come.
 
     There is none when the schedule is complete, or the campaign ends by itself. Before a guided batch the simulations
     of the schedule are made, which may take long; `say` hears how far they are. out: a new folder for what printer and
@@ -119,7 +119,7 @@ def tell(
 
 
 def _list_told(told: Any) -> list[Any]:
-    """What was told, one by one: also the rows of a data frame or Arrow table, and what came without a list.
+    """List what was told, one by one: also the rows of a data frame or Arrow table, and what came without a list.
 
     Raises:
         UsageError: something is neither a mapping nor a path.
@@ -190,7 +190,7 @@ def guess_for(campaign: Campaign, files: Sequence[Path], place: str) -> tuple[st
 
 
 def describe_pull(one: ToldGrasp) -> dict[str, Any]:
-    """A pull of a testing machine as it was read, for a table."""
+    """Describe a pull of a testing machine as it was read, for a table."""
     row: dict[str, Any] = {"tool": one.tool_id, "object": one.object_id, "repeat": one.repeat}
     trace = one.trace
     if trace is not None:
@@ -213,7 +213,7 @@ def untell(config_path: Path | str, lake: Path | str, operator: str) -> int:
 
 
 def find_told_campaign(lake: Lake, tool_ids: Sequence[str]) -> Campaign | None:
-    """The campaign on a bench of its own that these tools are of, if they are of one."""
+    """Find the campaign on a bench of its own that these tools are of, if they are of one."""
     from fast.flows.campaign.status import read_campaign
     from fast.lake.tables.imported import is_imported
 
@@ -241,7 +241,7 @@ def _open(config_path: Path, lake: Path | str, *, create: bool) -> Campaign:
 
 @contextmanager
 def _held(campaign: Campaign, config_path: Path) -> Iterator[None]:
-    """The campaign in the lake, and nobody else's meanwhile."""
+    """Hold the campaign in the lake, so that nobody else has it meanwhile."""
     name = campaign.campaign_id
     busy = f"campaign {name} is being run, and asks for nothing now"
     with exclusive(campaign.lake.storage, lease_name(name), busy) as lease:
@@ -251,7 +251,7 @@ def _held(campaign: Campaign, config_path: Path) -> Iterator[None]:
 
 
 def _find_open(campaign: Campaign) -> int | None:
-    """The first batch that is proposed and not told."""
+    """Find the first batch that is proposed and not told."""
     state = campaign.state()
     batches = sorted({tool.batch for tool in state.tools})
     return next((batch for batch in batches if not is_told(campaign, state, batch)), None)
@@ -317,5 +317,5 @@ class _Simulating:
         return future
 
     def should_stop(self) -> bool:
-        """Nobody asks."""
+        """Return False, since nobody asks."""
         return False

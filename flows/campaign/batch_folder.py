@@ -46,12 +46,12 @@ def write_batch(campaign: Campaign, batch: int, folder: Path) -> tuple[GraspRequ
 
 
 def bench_folder(lake: Lake, campaign_id: str, batch: int) -> Path:
-    """Where a running campaign writes what a bench of one's own is asked for in a batch."""
+    """Return where a running campaign writes what a bench of one's own is asked for in a batch."""
     return lake.root / "outputs" / campaign_id / f"B{batch:02d}-bench"
 
 
 def plan_batch(campaign: Campaign, state: CampaignState, batch: int) -> tuple[GraspRequest, ...]:
-    """Grasps of a batch that nobody has told yet, in their order: those of reference tools first.
+    """List the grasps of a batch that nobody has told yet, in their order: those of reference tools first.
 
     Tools count that are printed or may still be; rejected ones do not.
     """
@@ -67,5 +67,5 @@ def plan_batch(campaign: Campaign, state: CampaignState, batch: int) -> tuple[Gr
 
 
 def is_told(campaign: Campaign, state: CampaignState, batch: int) -> bool:
-    """Whether every grasp of a batch is told, or nobody will make it."""
+    """Return whether every grasp of a batch is told, or nobody will make it."""
     return state.is_confirmed(batch) and not plan_batch(campaign, state, batch)

@@ -125,7 +125,7 @@ def _go_through_stages(run: CampaignRun, finish: Callable[[], None]) -> bool:
 
 
 def run_stage(run: CampaignRun, stage: int) -> bool:
-    """One stage: its tools and its simulations, side by side. False when asked to stop before the end.
+    """Run one stage: its tools and its simulations, side by side. False when asked to stop before the end.
 
     Where the simulator version is new, a night comes first, in which designs are simulated with it.
     """
@@ -187,7 +187,7 @@ def _drive(run: CampaignRun, bench: BenchLoop, simulations: SimulationLoop) -> F
 
 
 def _next_event(run: CampaignRun) -> PrefectFuture[Any]:
-    """The next future that is finished; requests of people are heard meanwhile."""
+    """Return the next future that is finished; requests of people are heard meanwhile."""
     while True:
         run.on_wait()
         verb = run.requested_verb()

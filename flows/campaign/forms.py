@@ -75,7 +75,7 @@ def _start(api: Api, lake: Lake, form: Form, parameters: Mapping[str, Any] | Non
 
 
 def _open_runs(api: Api, lake: Lake, form: Form) -> list[dict[str, Any]]:
-    """Forms of a step of this lake that have not ended."""
+    """List the forms of a step of this lake that have not ended."""
     which = {
         "flow_runs": {
             "tags": {"all_": [form.tag]},

@@ -66,7 +66,7 @@ def read_number(campaign: str, search: str, kind: str, lake: str = "lake-data") 
 
 
 def make_mount_form(slots: dict[str, int], complaint: str) -> type[RunInput]:
-    """The form of kept tools: each mounted in its slot, or gone."""
+    """Make the form of kept tools: each mounted in its slot, or gone."""
     fields: dict[str, Any] = {"operator": (_Operator, Field(title="Your name", description=_say(complaint)))}
     for tool_id, slot in slots.items():
         label = tool_id.rpartition("/")[2]
@@ -75,7 +75,7 @@ def make_mount_form(slots: dict[str, int], complaint: str) -> type[RunInput]:
 
 
 def read_mount_answer(answer: RunInput, search_id: str, slots: dict[str, int]) -> Mounting:
-    """The answer as a person's word.
+    """Read the answer as a person's word.
 
     Raises:
         ConfigError: there is no name.
@@ -88,7 +88,7 @@ def read_mount_answer(answer: RunInput, search_id: str, slots: dict[str, int]) -
 
 
 def make_reading_form(kind: str, complaint: str) -> type[RunInput]:
-    """The form of a number that a person measures.
+    """Make the form of a number that a person measures.
 
     Raises:
         UsageError: nobody asks for such a number.

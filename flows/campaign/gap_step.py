@@ -88,7 +88,7 @@ def search_campaign(label: str, run: CampaignRun) -> GapOutcome | None:
 
 
 def count_left(run: CampaignRun) -> int:
-    """Grasps that may still be asked for: a share of those that the campaign was to measure, less those asked for."""
+    """Count the grasps that may still be asked for: a share of those the campaign was to measure, less those asked."""
     campaign = run.campaign
     measured = sum(len(cells) for cells in campaign.state().measured.values())
     return int(campaign.config.gap.budget_share * measured) - count_asked(campaign.lake, campaign.campaign_id)

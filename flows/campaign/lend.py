@@ -67,7 +67,7 @@ def lend_bench(
 
 
 def find_bench_file(config: Path) -> Path | None:
-    """The bench file of a campaign's config; None where it names none.
+    """Find the bench file of a campaign's config; None where it names none.
 
     Raises:
         ConfigError: the config cannot be used.
@@ -77,7 +77,7 @@ def find_bench_file(config: Path) -> Path | None:
 
 
 def _read_lent(file: Path) -> BenchSettings | ArmSettings:
-    """The bench of a file, if people can move it by hand; raises UsageError otherwise."""
+    """Read the bench of a file, if people can move it by hand; raises UsageError otherwise."""
     settings = read_real_bench(file)
     if isinstance(settings, OwnBenchSettings):
         raise UsageError(f"{file} names a driver of your own, which moves in campaigns only; it cannot be lent.")
@@ -85,7 +85,7 @@ def _read_lent(file: Path) -> BenchSettings | ArmSettings:
 
 
 def _require_same(file: Path, given: bytes) -> None:
-    """Raises UsageError where a bench file is not the one any more that leave was given for."""
+    """Raise UsageError where a bench file is not the one any more that leave was given for."""
     if not file.is_file() or file.read_bytes() != given:
         raise UsageError(f"{file} has changed since leave was given for it; lend the bench again. Nothing was moved.")
 

@@ -79,13 +79,13 @@ class CampaignRun:
     """What people have asked in the lake."""
 
     def requested_verb(self) -> Verb | None:
-        """What a person asked for in the lake, if anything."""
+        """Return what a person asked for in the lake, if anything."""
         if self._requests is None:
             self._requests = Requests(self.campaign.lake, self.campaign.campaign_id)
         return self._requests.verb()
 
     def ask(self, verb: Verb) -> None:
-        """What a person wants, from any thread: start nothing more; stop and abort also reach the grasp in progress."""
+        """Do what a person asks, from any thread: start nothing more; stop and abort also reach the present grasp."""
         self.stopping.set()
         self.asked = verb
         if self._bench is not None:
@@ -93,7 +93,7 @@ class CampaignRun:
 
     @contextmanager
     def heard_bench(self, tools: Sequence[ProposedTool]) -> Iterator[GraspBench]:
-        """The bench, opened so that it hears what a person asks."""
+        """Open the bench so that it hears what a person asks."""
         seen = live_path(self.campaign.lake, self.campaign.campaign_id)
         with self.open_bench(tools) as bench, show_live(seen, bench):
             self._bench = bench
@@ -110,7 +110,7 @@ class CampaignRun:
         return BenchUse(self.heard_bench, self.world_hash, self.should_stop, self.on_grasp)
 
     def should_stop(self) -> bool:
-        """True once someone asked to pause or stop, or something failed: finish what runs, start nothing."""
+        """Return True once someone asked to pause or stop, or something failed: finish what runs, start nothing."""
         return self.stopping.is_set()
 
     def submit_simulation(self, label: str, design: Design) -> PrefectFuture:
@@ -150,7 +150,7 @@ class BenchLoop:
         return True
 
     def _start(self, state: CampaignState) -> PrefectFuture | None:
-        """The next thing to do: what can be measured, else what is to be printed; on a bench of one's own, to wait."""
+        """Start the next thing: measure what can be, else print what is to be; on a bench of one's own, wait."""
         run, labels = self._run, {batch: f"B{batch:02d}" for batch in self._batches}
         campaign, stop, prompts = unmapped(run.campaign), unmapped(run.should_stop), unmapped(run.prompts)
         if run.campaign.config.bench.is_folder:
@@ -180,7 +180,7 @@ class SimulatingRun(Protocol):
         """Have a design simulated on the objects that it misses; the future of how many failed."""
 
     def should_stop(self) -> bool:
-        """True once nothing more is to be started."""
+        """Return True once nothing more is to be started."""
 
 
 @dataclass(frozen=True)
@@ -242,7 +242,7 @@ class SimulationLoop:
         self._running[self._run.submit_simulation(job.label, job.design)] = job
 
     def _find_unfinished(self, state: CampaignState) -> SimulationJob | None:
-        """A design that misses objects (after a restart, or not started) and that no worker has."""
+        """Find a design that misses objects (after a restart, or not started) and that no worker has."""
         campaign = self._run.campaign
         running = {job.design.design_id for job in self._running.values()}
         for job in self._known(state):

@@ -24,7 +24,7 @@ from fast.tasks.gap.cost import GraspCosts
 
 @task(task_run_name="{label}", cache_policy=NO_CACHE)
 def choose_version(label: str, campaign: Campaign, stage: int) -> Campaign:
-    """The campaign with the simulator version of a stage; if it is new, what is simulated with it is chosen."""
+    """Give the campaign the simulator version of a stage; if it is new, what is simulated with it is chosen."""
     return at_stage(campaign, stage)
 
 
@@ -60,7 +60,7 @@ class NightLoop(SimulationLoop):
         self._s_per_grasp = GraspCosts.read(run.campaign.lake).of(run.campaign.version)
 
     def say_plan(self) -> str:
-        """What is about to be simulated, and how long that takes."""
+        """Say what is about to be simulated, and how long that takes."""
         left_s = self._estimate_s(self._run.campaign.state())
         until = "how long is not known yet" if left_s is None else f"about {describe_duration(left_s)}"
         version_id = self._run.campaign.version.version_id
@@ -75,7 +75,7 @@ class NightLoop(SimulationLoop):
         return super()._find_unfinished(state) if time.monotonic() < self._ends_s else None
 
     def _estimate_s(self, state: CampaignState) -> float | None:
-        """Time left, in seconds, with all workers; None if no such grasp has been simulated."""
+        """Estimate the time left, in seconds, with all workers; None if no such grasp has been simulated."""
         if self._s_per_grasp is None:
             return None
         n_grasps = sum(len(state.missing_objects(i, self._run.campaign.object_ids)) for i in self._ids)

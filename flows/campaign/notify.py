@@ -42,5 +42,5 @@ SILENT = Notifier(())
 
 
 def notifier(is_virtual: bool, kinds: tuple[Kind, ...] = KINDS, even_virtual: bool = False) -> Notifier:
-    """The notifier for a bench: a virtual one is silent unless asked to speak."""
+    """Return the notifier for a bench: a virtual one is silent unless asked to speak."""
     return SILENT if is_virtual and not even_virtual else Notifier(kinds)

@@ -47,7 +47,7 @@ class Prompt:
         self._form: str | None = None
 
     def ask(self) -> None:
-        """It has to be done now."""
+        """Ask for what has to be done now."""
         step = self._step
         self._asked_s = self._reminded_s = self._looked_s = time.monotonic()
         self._form = open_form(self._campaign.lake, step.form)
@@ -59,7 +59,7 @@ class Prompt:
         self._notifier.send("needs_you", f"FAST needs you: {step.name}", self._what_to_do())
 
     def remind(self) -> None:
-        """Nobody has answered yet: keep a form open, and remind when it is time."""
+        """Remind people while nobody has answered yet: keep a form open, and remind when it is time."""
         step, now_s = self._step, time.monotonic()
         if now_s - self._looked_s > (FORM_S if self._form else NO_FORM_S):
             self._looked_s = now_s
@@ -75,7 +75,7 @@ class Prompt:
             self._notifier.send("needs_you", title, self._what_to_do())
 
     def close(self) -> None:
-        """It is done; a form that is still open is not needed."""
+        """Close the prompt, since it is done; a form that is still open is not needed."""
         close_forms(self._campaign.lake, self._step.form, "confirmed elsewhere")
         self._form = None
 
@@ -96,7 +96,7 @@ class Prompts:
     notifier: Notifier
 
     def to_print(self, batch: int, sheet: Path) -> Prompt:
-        """A batch is to be printed and mounted; `sheet` says what and how."""
+        """Return the prompt to print and mount a batch; `sheet` says what and how."""
         lake, name = self.campaign.lake, BatchRow.make_id(self.campaign.campaign_id, batch)
         step = HumanStep(
             name=f"batch {name}",
@@ -108,7 +108,7 @@ class Prompts:
         return Prompt(self.campaign, self.reporter, self.notifier, step)
 
     def to_mount(self, search_id: str, slots: Mapping[str, int]) -> Prompt:
-        """Kept tools are to be mounted again; `slots`: of the rack, by tool."""
+        """Return the prompt to mount kept tools again; `slots`: of the rack, by tool."""
         lake, name = self.campaign.lake, self.campaign.campaign_id
         where = ", ".join(f"{tool_id.rpartition('/')[2]} in slot {slot}" for tool_id, slot in slots.items())
         step = HumanStep(
@@ -121,7 +121,7 @@ class Prompts:
         return Prompt(self.campaign, self.reporter, self.notifier, step)
 
     def to_tell(self, name: str, folder: Path, batch: int | None) -> Prompt:
-        """The grasps of a folder are to be made on a bench of one's own, and told; batch: None where a search asks."""
+        """Return the prompt to make a folder's grasps on one's own bench, and tell them; batch: None for a search."""
         lake, config = self.campaign.lake, self.campaign.config_path or "CONFIG"
         what = "make the grasps" if batch is None else "print its tools (folder print) and make the grasps"
         step = HumanStep(
@@ -135,7 +135,7 @@ class Prompts:
 
 
 def make_told_form(campaign: Campaign, name: str) -> Form:
-    """The form into which results of a bench of one's own are pasted."""
+    """Make the form into which results of a bench of one's own are pasted."""
 
     def find_open() -> dict[str, Any] | None:
         return {"campaign": campaign.campaign_id, "what": name}
@@ -144,7 +144,7 @@ def make_told_form(campaign: Campaign, name: str) -> Form:
 
 
 def make_print_form(lake: Lake, campaign_id: str, batch: int) -> Form:
-    """The form of the open slots of a batch."""
+    """Make the form of the open slots of a batch."""
     name = BatchRow.make_id(campaign_id, batch)
 
     def find_open() -> dict[str, Any] | None:
@@ -155,7 +155,7 @@ def make_print_form(lake: Lake, campaign_id: str, batch: int) -> Form:
 
 
 def make_mount_form(lake: Lake, campaign_id: str, search_id: str) -> Form:
-    """The form of kept tools that a search asks grasps of."""
+    """Make the form of kept tools that a search asks grasps of."""
 
     def find_open() -> dict[str, Any] | None:
         return None if read_mounting(lake, search_id) else {"campaign": campaign_id, "search": search_id}
@@ -164,7 +164,7 @@ def make_mount_form(lake: Lake, campaign_id: str, search_id: str) -> Form:
 
 
 def make_reading_form(lake: Lake, campaign_id: str, search_id: str, person: PersonQuestion) -> Form:
-    """The form of what a person is asked to measure."""
+    """Make the form of what a person is asked to measure."""
 
     def find_open() -> dict[str, Any] | None:
         parameters = {"campaign": campaign_id, "search": search_id, "kind": person.kind}

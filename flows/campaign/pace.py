@@ -33,7 +33,7 @@ class StageLeft:
 
 
 def count_left(campaign: Campaign, state: CampaignState) -> list[StageLeft]:
-    """What each stage owes from the present one on, the present one first; rejected tools are not owed."""
+    """Count what each stage owes from the present one on, the present one first; rejected tools are not owed."""
     schedule, n_objects = campaign.config.schedule, len(campaign.object_ids)
     present = find_stage(campaign, state)
     n_grasps = count_printed_left(campaign, state, present) + _count_unprinted_left(campaign, state, present)
@@ -47,20 +47,20 @@ def count_left(campaign: Campaign, state: CampaignState) -> list[StageLeft]:
 
 
 def name_uncounted(config: CampaignConfig) -> str:
-    """What a campaign does between two stages that no time left counts: it hangs on what was measured."""
+    """Name what a campaign does between two stages that no time left counts: it hangs on what was measured."""
     parts = [("gap searches", config.gap.active), ("nights", config.night.active)]
     return " and ".join(name for name, is_done in parts if is_done)
 
 
 def find_stage(campaign: Campaign, state: CampaignState) -> int:
-    """The last stage whose tools are proposed."""
+    """Find the last stage whose tools are proposed."""
     proposed = {tool.batch for tool in state.tools}
     schedule = campaign.config.schedule
     return max((s for s in range(schedule.n_stages) if proposed & set(schedule.batches_of(s))), default=0)
 
 
 def count_printed_left(campaign: Campaign, state: CampaignState, stage: int) -> int:
-    """Grasps still to be measured with those tools of a stage that are printed."""
+    """Count the grasps still to be measured with those tools of a stage that are printed."""
     plan, limit = campaign.config.objects.list_grasps(0), campaign.config.max_grasp_attempts
     batches = campaign.config.schedule.batches_of(stage)
     tools = [tool for batch in batches for tool in unfinished_tools(campaign, state, batch)]
@@ -68,14 +68,14 @@ def count_printed_left(campaign: Campaign, state: CampaignState, stage: int) -> 
 
 
 def _count_unprinted_left(campaign: Campaign, state: CampaignState, stage: int) -> int:
-    """Grasps of a stage with tools that are not printed yet."""
+    """Count the grasps of a stage with tools that are not printed yet."""
     plan, limit = campaign.config.objects.list_grasps(0), campaign.config.max_grasp_attempts
     tools = [tool for batch in campaign.config.schedule.batches_of(stage) for tool in state.tools_of(batch)]
     return sum(len(state.owed_grasps(tool, plan, limit)) for tool in tools if tool.tool_id not in state.confirmed)
 
 
 def count_simulated_left(campaign: Campaign, state: CampaignState, stage: int) -> int:
-    """Grasps of a stage that are still to be simulated: of its proposals, of its tools, and of proposals to come."""
+    """Count a stage's grasps still to be simulated: of its proposals, of its tools, and of proposals to come."""
     schedule, n_objects = campaign.config.schedule, len(campaign.object_ids)
     batches = schedule.batches_of(stage)
     proposed = state.simulations_of(batches[-1])
@@ -103,7 +103,7 @@ class _Kind:
         self.last_s = now_s
 
     def s_each(self, is_shared: bool, least: int = LEAST) -> float | None:
-        """Seconds per unit while the other kind goes on too, or does not; None before that was seen so often."""
+        """Return seconds per unit while the other kind goes on too, or not; None before that was seen so often."""
         steps = self.steps[is_shared]
         return sum(s for s, _ in steps) / sum(n for _, n in steps) if len(steps) >= least else None
 
@@ -143,7 +143,7 @@ class Pace:
             self._grasps.last_s = self._initial.last_s = self._guided.last_s = None
 
     def seconds_left(self, left: Sequence[StageLeft], n_objects: int) -> float | None:
-        """Time for what the stages owe, the present one first; None before the paces that it takes are known."""
+        """Return the time for what the stages owe, the present one first; None before the needed paces are known."""
         with self._lock:
             parts = [self._of_stage(stage, n_objects) for stage in left]
             between_s = (len(left) - 1) * (self._between_s or 0.0)
@@ -151,7 +151,7 @@ class Pace:
         return sum(known) + between_s if len(known) == len(parts) else None
 
     def _of_stage(self, stage: StageLeft, n_objects: int) -> float | None:
-        """Both kinds side by side until one is done, then the other alone."""
+        """Return the time of a stage: both kinds side by side until one is done, then the other alone."""
         kind, extra_s = self._guided if stage.is_guided else self._initial, 0.0
         if stage.is_guided and self._s_each(kind, True) is None:
             kind, extra_s = self._initial, PROPOSAL_S / n_objects
@@ -166,7 +166,7 @@ class Pace:
         return shared_s + sum(one * _rest(of_both, shared_s) for one, of_both in zip(alone, shared, strict=True))
 
     def _s_each(self, kind: _Kind, is_shared: bool) -> float | None:
-        """Seconds per unit; of a case that was not seen, those of the other, as others differ between the two."""
+        """Return seconds per unit; of an unseen case, those of the other, as others differ between the two."""
         seen, other = kind.s_each(is_shared), kind.s_each(not is_shared)
         if seen is None and other is None:
             few = kind.s_each(is_shared, 1)
@@ -176,14 +176,14 @@ class Pace:
         return other * self._slower() if is_shared else other / self._slower()
 
     def _slower(self) -> float:
-        """How much longer a unit takes while both kinds go on, mean of the kinds of which both cases were seen."""
+        """Return how much longer a unit takes while both kinds go on, mean of the kinds with both cases seen."""
         pairs = [(kind.s_each(True), kind.s_each(False)) for kind in (self._grasps, self._initial, self._guided)]
         ratios = [shared / alone for shared, alone in pairs if shared and alone]
         return sum(ratios) / len(ratios) if ratios else 1.0
 
 
 def _rest(whole_s: float, done_s: float) -> float:
-    """Share of the work that is left after so much of its time."""
+    """Return the share of the work that is left after so much of its time."""
     return 1.0 - done_s / whole_s if whole_s > 0 else 0.0
 
 
@@ -195,7 +195,7 @@ class Forecast:
     in_s: float | None
 
     def in_words(self, now: datetime) -> str:
-        """A sentence for people; `now` in their own time."""
+        """Write a sentence for people; `now` in their own time."""
         if self.batch is None:
             return "No person is needed any more."
         if self.in_s is None:
@@ -210,7 +210,7 @@ class Forecast:
 def forecast(
     campaign: Campaign, state: CampaignState, s_per_grasp: float | None, s_per_simulation: float | None
 ) -> Forecast:
-    """The next print, from the state of the lake and the recent seconds per measured and simulated grasp."""
+    """Forecast the next print, from the state of the lake and recent seconds per measured and simulated grasp."""
     schedule = campaign.config.schedule
     stage = find_stage(campaign, state)
     bench_s = _time(count_printed_left(campaign, state, stage), s_per_grasp)

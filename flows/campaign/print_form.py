@@ -35,7 +35,7 @@ _MEASURES = {
 
 
 def _no_default(schema: dict[str, Any]) -> None:
-    """An empty number is left out; a default of None would make the page ask for the type first."""
+    """Remove the default: an empty number is left out; a default of None would make the page ask for the type first."""
     schema.pop("default", None)
 
 
@@ -93,7 +93,7 @@ def confirm_batch(campaign: str, batch: int, slots: list[int], lake: str = "lake
 
 
 def make_form(campaign: str, batch: int, slots: Sequence[int], complaint: str, last: RunInput | None) -> type[RunInput]:
-    """The form of these slots; after a bad answer with the complaint on top and what was typed, but the name."""
+    """Make the form of these slots; after a bad answer with the complaint on top and what was typed, but the name."""
     before = {} if last is None else last.model_dump(exclude_none=True)
     tools: dict[str, Any] = {}
     for slot in slots:
@@ -112,7 +112,7 @@ def make_form(campaign: str, batch: int, slots: Sequence[int], complaint: str, l
 
 
 def _description(campaign: str, batch: int, complaint: str) -> str:
-    """What the first field says: pages do not show a description of the whole form."""
+    """Write what the first field says: pages do not show a description of the whole form."""
     sheet = f"[Sheet and files]({OUTPUTS}/{campaign}/B{batch:02d}-print/sheet.html)"
     name = BatchRow.make_id(campaign, batch)
     text = f"Who printed and mounted batch {name}? {sheet}. The campaign goes on after Submit."
@@ -120,7 +120,7 @@ def _description(campaign: str, batch: int, complaint: str) -> str:
 
 
 def read_answer(answer: RunInput, batch: int, slots: Sequence[int], wanted: Sequence[int]) -> PrintConfirmation:
-    """The answer as a person's word; slots that were confirmed elsewhere meanwhile are left out.
+    """Read the answer as a person's word; slots that were confirmed elsewhere meanwhile are left out.
 
     Raises:
         UsageError: a reason is missing.

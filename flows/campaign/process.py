@@ -143,13 +143,13 @@ def run_in_process(
 
 
 def _open_simulations(config: CampaignConfig) -> Engine:
-    """The workers that simulate, here or on a cluster."""
+    """Open the workers that simulate, here or on a cluster."""
     limit_s = hang_limit_s(config.simulator.grasp_deadline_s)
     return open_engine(config.execution.engine, config.execution.simulation_workers, limit_s)
 
 
 def with_run_page(reporter: ProgressReporter) -> ProgressReporter:
-    """The reporter, which also writes its progress on the page of the flow or task that is running, if there is one."""
+    """Make the reporter also write its progress on the page of the flow or task that is running, if there is one."""
 
     def write(words: str) -> None:
         with contextlib.suppress(MissingContextError):
@@ -174,7 +174,7 @@ def open_campaign_bench(
     tools: Sequence[ProposedTool],
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Iterator[GraspBench]:
-    """The campaign's bench with these tools in its rack, connected and homed.
+    """Open the campaign's bench with these tools in its rack, connected and homed.
 
     A person is asked whether a gripper that an earlier session left closed may open, until `should_stop`.
     """
@@ -215,7 +215,7 @@ def open_campaign_bench(
 
 
 def keep_physics(campaign: Campaign, pool: WorkerPool, physics_of_truth: Physics = simulate_request) -> PhysicsCache:
-    """The physics of the campaign's world, solved in the pool, once, and kept beside the lake's tables."""
+    """Keep the physics of the campaign's world, solved in the pool, once, beside the lake's tables."""
     files = PhysicsFiles(campaign.lake.root / ".state" / "physics")
     return PhysicsCache(functools.partial(_solve_in_worker, pool, physics_of_truth), files)
 
@@ -238,7 +238,7 @@ def _report_simulated(progress: CampaignProgress, label: str, n_failed: int) -> 
 
 @contextmanager
 def hear_interrupts(run: CampaignRun, reporter: ProgressReporter) -> Iterator[None]:
-    """Ctrl-C or SIGTERM: the first pauses, the second stops (safe state at once), the third is the default."""
+    """Hear Ctrl-C or SIGTERM: the first pauses, the second stops (safe state at once), the third is the default."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

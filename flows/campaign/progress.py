@@ -63,7 +63,7 @@ def count_work(campaign: Campaign, state: CampaignState) -> Workload:
 
 
 def _count_left_out(campaign: Campaign, state: CampaignState) -> int:
-    """Grasps that nobody makes since a person left them out: of proposed tools, and of those to come."""
+    """Count the grasps that nobody makes since a person left them out: of proposed tools, and of those to come."""
     if not state.left_out.words:
         return 0
     objects, schedule, limit = campaign.config.objects, campaign.config.schedule, campaign.config.max_grasp_attempts
@@ -135,7 +135,7 @@ class CampaignProgress:
 
 
 def _bars(load: Workload, left_s: float | None, uncounted: str) -> list[Bar]:
-    """Of bench and simulations, which end together; what people take to print is not in the time."""
+    """Make the bars of bench and simulations, which end together; the time leaves out what people take to print."""
     return [
         Bar("grasps", load.grasps_done, load.grasps_total, left_s, uncounted=uncounted),
         Bar("simulated", load.simulated_done, load.simulated_total, left_s, uncounted=uncounted),

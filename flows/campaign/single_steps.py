@@ -79,7 +79,7 @@ def simulate_missing(config_path: Path, lake: str) -> str:
 
 @contextmanager
 def _held_campaign(config_path: Path, lake: str) -> Iterator[Campaign]:
-    """A campaign of the lake that no other process runs meanwhile."""
+    """Hold a campaign of the lake that no other process runs meanwhile."""
     campaign = Campaign(Lake.open(lake), load_config(config_path))
     name = campaign.campaign_id
     with exclusive(campaign.lake.storage, lease_name(name), f"campaign {name} is being run"):

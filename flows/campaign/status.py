@@ -34,7 +34,7 @@ _LAST_EVENT = f"""
 
 
 def read_campaign(lake: Lake, campaign_id: str) -> Campaign:
-    """A campaign with the config it was started with, from the lake."""
+    """Read a campaign with the config it was started with, from the lake."""
     text = _stored_toml(lake, campaign_id)
     return Campaign(lake, read_stored_config(text, campaign_id))
 
@@ -45,7 +45,7 @@ def _stored_toml(lake: Lake, campaign_id: str) -> str:
 
 
 def read_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
-    """Counts, best tool and what the campaign is doing or waiting for."""
+    """Read counts, best tool and what the campaign is doing or waiting for."""
     if is_imported(_stored_toml(lake, campaign_id)):
         return _imported_status(lake, campaign_id)
     campaign = at_present(read_campaign(lake, campaign_id))
@@ -78,7 +78,7 @@ def read_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
 
 
 def _read_fault(campaign: Campaign, state: CampaignState, is_complete: bool) -> dict[str, Any]:
-    """The fault at which a campaign stands, and the ways on."""
+    """Read the fault at which a campaign stands, and the ways on."""
     name = campaign.campaign_id
     is_stopped = describe_state(campaign.lake, name, is_complete) == "interrupted"
     fault = read_fault(campaign.lake, name) if is_stopped else ""
@@ -90,7 +90,7 @@ def _read_fault(campaign: Campaign, state: CampaignState, is_complete: bool) -> 
 
 
 def _write_command(campaign_id: str, way: WayOnward) -> str:
-    """What takes a way on in a terminal; `fast campaign run` then goes on."""
+    """Write the command that takes a way on in a terminal; `fast campaign run` then goes on."""
     part = way.part
     if part is None:
         return "fast campaign run CONFIG"
@@ -101,7 +101,7 @@ def _write_command(campaign_id: str, way: WayOnward) -> str:
 
 
 def _imported_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
-    """The same for imported data, of which all that there is is done."""
+    """Return the same for imported data, of which all that there is is done."""
     n_grasps = len(lake.ids(GraspRow, campaign_id=campaign_id))
     versions = lake.rows(SimulatorVersionRow, tier=IMPORTED)
     own = [row["version_id"] for row in versions if importing_campaign(row["version_json"]) == campaign_id]
@@ -125,7 +125,7 @@ def _imported_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
 
 
 def format_status(status: dict[str, Any], lake: str | None = None) -> str:
-    """The status as lines for a person; the last line says what to do. `lake`: address that its commands name."""
+    """Format the status as lines for a person; the last one says what to do. `lake`: address that its commands name."""
     there = f" --lake {shlex.quote(lake)}" if lake else ""
     lines = [
         f"campaign   {status['campaign']} ({status['state']})",
@@ -154,7 +154,7 @@ def format_status(status: dict[str, Any], lake: str | None = None) -> str:
 
 
 def describe_state(lake: Lake, campaign_id: str, is_complete: bool) -> str:
-    """What a campaign is doing, in a word or two: who owns it, or how its last run ended."""
+    """Say what a campaign is doing, in a word or two: who owns it, or how its last run ended."""
     holder = holder_of(lake.storage, lease_name(campaign_id))
     if holder is not None:
         searcher = holder_of(lake.storage, GAP_LEASE)

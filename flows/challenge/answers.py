@@ -46,7 +46,7 @@ class Answers(Record):
 
     @staticmethod
     def read(path: Path) -> "Answers":
-        """The answers of a file.
+        """Read the answers of a file.
 
         Raises:
             UsageError: it is no such file.
@@ -91,7 +91,7 @@ class Answers(Record):
 
 
 def read_forces(path: Path, folder: Path) -> dict[str, dict[str, np.ndarray]]:
-    """Foretold forces (80: means over 0.5 mm up to 40 mm of lift) by world and grasp; a world has all or none.
+    """Read foretold forces (80: means over 0.5 mm up to 40 mm of lift) by world and grasp; a world has all or none.
 
     Raises:
         UsageError: the file is of another form, or lacks some of a world's asked grasps, or of their lift.
@@ -114,7 +114,7 @@ def read_forces(path: Path, folder: Path) -> dict[str, dict[str, np.ndarray]]:
 
 
 def list_asked(world: Path) -> list[str]:
-    """Grasps of a world whose forces are asked for."""
+    """List the grasps of a world whose forces are asked for."""
     return [row["grasp_id"] for row in read_table(world / ASKED)]
 
 

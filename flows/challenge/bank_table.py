@@ -49,7 +49,7 @@ def write_bank(path: Path, bank: Bank, design_ids: Sequence[str]) -> None:
 
 
 def read_bank(path: Path, design_ids: Sequence[str], objects: Sequence[int]) -> Bank:
-    """The bank of these designs and objects, in this order.
+    """Read the bank of these designs and objects, in this order.
 
     Raises:
         UsageError: the file is no table of a bank.

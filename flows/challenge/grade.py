@@ -66,7 +66,7 @@ class Graded:
 
 
 def grade_answers(path: Path, challenge: Path, keys: Path | None = None) -> tuple[Answers, list[Graded]]:
-    """Answers of a file with the keys of the worlds; nothing is opened before the answers are found to be whole.
+    """Grade answers of a file with the keys of the worlds; nothing is opened before the answers are found whole.
 
     Raises:
         UsageError: the answers are of another challenge or not whole, or the keys do not fit.
@@ -88,7 +88,7 @@ def grade_answers(path: Path, challenge: Path, keys: Path | None = None) -> tupl
 
 
 def make_tables(graded: Sequence[Graded]) -> dict[str, Rows]:
-    """Figures; stated and true probabilities; every world with what it hid and what was said."""
+    """Make tables: figures; stated and true probabilities; every world with what it hid and what was said."""
     return {"figures": _list_figures(graded), "probabilities": _list_bins(graded), "worlds": _list_worlds(graded)}
 
 
@@ -105,7 +105,7 @@ def describe_doubts(graded: Sequence[Graded]) -> list[str]:
 
 
 def clopper_pearson(k: int, n: int) -> tuple[float, float]:
-    """95 % interval of a share of which k of n were seen."""
+    """Return the 95 % interval of a share of which k of n were seen."""
     low = float(betaincinv(k, n - k + 1, 0.025)) if k else 0.0
     high = float(betaincinv(k + 1, n - k, 0.975)) if k < n else 1.0
     return low, high
@@ -152,7 +152,7 @@ def _list_figures(graded: Sequence[Graded]) -> Rows:
 
 
 def _see_at_best(worlds: Sequence[Graded]) -> float | None:
-    """Share of these worlds in which the likelihood ratio sees something; None of none."""
+    """Return the share of these worlds in which the likelihood ratio sees something; None of none."""
     return round(float(np.mean([one.sealed.bound for one in worlds])), 3) if worlds else None
 
 
@@ -161,7 +161,7 @@ def _is_silent(one: Graded) -> bool:
 
 
 def _is_missing(one: Graded) -> bool:
-    """Whether something is missing that these data could show."""
+    """Return whether something is missing that these data could show."""
     return one.visible >= NOTHING
 
 
@@ -172,7 +172,7 @@ def _count(figure: str, worlds: Sequence[Graded], counts: Callable[[Graded], boo
 
 
 def _summarise(figure: str, values: Sequence[float], of: Callable[[Any], Any]) -> dict[str, Any]:
-    """A statistic of worlds with a bootstrap interval over them."""
+    """Compute a statistic of worlds with a bootstrap interval over them."""
     if not values:
         return _row(figure, 0, None, None, None)
     rng, known = np.random.default_rng(0), np.array(values)
@@ -187,7 +187,7 @@ def _row(figure: str, n: int, value: float | None, low: float | None, high: floa
 
 
 def _list_bins(graded: Sequence[Graded]) -> Rows:
-    """How often something is missing where a probability was stated."""
+    """List how often something is missing where a probability was stated."""
     rows: Rows = []
     for low, high in zip(_BINS, _BINS[1:], strict=False):
         own = [one for one in graded if low <= one.answer.probability < high + (high == 1.0)]

@@ -44,17 +44,17 @@ class SealedKey(Record):
 
 
 def hash_key(salt: str, key: Record) -> str:
-    """SHA-256 of a salt and a key."""
+    """Return the SHA-256 of a salt and a key."""
     return hashlib.sha256(f"{salt}|{key.model_dump_json()}".encode()).hexdigest()
 
 
 def name_challenge(hashes: dict[str, str]) -> str:
-    """Id of a set of worlds: of the hashes of their keys."""
+    """Return the id of a set of worlds: of the hashes of their keys."""
     return "C" + hashlib.sha256("|".join(hashes.values()).encode()).hexdigest()[:11]
 
 
 def hash_forces(forces: dict[str, np.ndarray]) -> str:
-    """Hash of forces (80 each, N) by grasp, to a thousandth of a newton."""
+    """Hash forces (80 each, N) by grasp, to a thousandth of a newton."""
     digest = hashlib.sha256()
     for name in sorted(forces):
         digest.update(name.encode() + np.round(1e3 * forces[name]).astype("<i8").tobytes())
@@ -62,7 +62,7 @@ def hash_forces(forces: dict[str, np.ndarray]) -> str:
 
 
 def find_keys(folder: Path) -> Path:
-    """Where the keys of a challenge's folder lie, unless told otherwise."""
+    """Find where the keys of a challenge's folder lie, unless told otherwise."""
     whole = folder if folder.name not in ("", "..") else folder.resolve()
     return whole.with_name(f"{whole.name}_keys")
 
@@ -82,7 +82,7 @@ def write_keys(folder: Path, keys: list[SealedKey], withheld: dict[str, dict[str
 
 
 def open_keys(folder: Path, challenge: Path) -> tuple[list[SealedKey], dict[str, dict[str, np.ndarray]]]:
-    """The keys of a challenge's worlds and the withheld forces, every hash checked.
+    """Open the keys of a challenge's worlds and the withheld forces, every hash checked.
 
     Raises:
         UsageError: there are none, they are of other worlds, or were changed after they were sealed.

@@ -47,7 +47,7 @@ class _Numbered:
 
 
 def read_seed(path: Path) -> str:
-    """The secret of a seed's file.
+    """Read the secret of a seed's file.
 
     Raises:
         UsageError: it cannot be read, or is too short to be a secret.
@@ -91,7 +91,7 @@ def make_challenge(
 
 
 def open_worlds(seed: str, panel: Path) -> Worlds:
-    """What draws the worlds of a challenge from a seed.
+    """Open what draws the worlds of a challenge from a seed.
 
     Raises:
         UsageError: the panel is no file of one.
@@ -140,7 +140,7 @@ def _write_challenge(
 
 
 def draw_keys(worlds: Worlds, seed: str, n_worlds: int) -> list[_Numbered]:
-    """Keys in an order that tells nothing: a third hides nothing, five twelfths a listed effect, the rest another."""
+    """Draw keys in an order that tells nothing: 1/3 hide nothing, 5/12 a listed effect, the rest another."""
     rng = np.random.default_rng(seed_from("challenge", seed))
     counts = {group: round(share * n_worlds) for group, share in _SHARES}
     counts["unlisted"] += n_worlds - sum(counts.values())
@@ -151,14 +151,14 @@ def draw_keys(worlds: Worlds, seed: str, n_worlds: int) -> list[_Numbered]:
 
 
 def _draw_numbers(worlds: Worlds, group: Group, n: int, rng: np.random.Generator) -> list[int]:
-    """Numbers of n worlds of a group, so that each effect comes once before any comes again."""
+    """Draw the numbers of n worlds of a group, so that each effect comes once before any comes again."""
     n_effects = max(len(worlds.list_effects(group)), 1)
     rounds = [rng.permutation(n_effects) for _ in range(-(-n // n_effects))]
     return [int(effect + n_effects * rng.integers(_ROUNDS)) for effect in np.concatenate(rounds)[:n]]
 
 
 def find_withheld(key: WorldKey, n_tools: int, n_objects: int) -> tuple[int, int]:
-    """The tool and the object of a world (numbers) whose grasps are asked for."""
+    """Find the tool and the object of a world (numbers) whose grasps are asked for."""
     rng = np.random.default_rng(seed_from("asked", key.seed))
     return int(rng.integers(n_tools)), int(rng.integers(n_objects))
 
@@ -192,7 +192,7 @@ class _Measured:
         }
 
     def list_made(self) -> list[Made]:
-        """All grasps in order; one that is withheld and cannot be asked for, since it got lost, is a failed one."""
+        """List all grasps in order; a withheld one that cannot be asked for, since it got lost, is a failed one."""
         data, asked, made = self.data, self.forces, []
         for site in self.worlds.lab(self.key).order():
             is_asked = name_grasp(site.tool, data.grasps.objects[site.obj], site.context.repeat) in asked
@@ -203,14 +203,14 @@ class _Measured:
         return made
 
     def measure_theta_alone(self) -> float:
-        """Error of the asked grasps by the simulator with theta fitted to the others, N."""
+        """Measure the error of the asked grasps by the simulator with theta fitted to the others, N."""
         fit, asked = recalibrate(self.data.training), self.data.held_out
         rest_n = asked.grasps.steps_n - asked.predict_steps(fit.theta, (), fit.tool_factor)
         return round(float(np.sqrt(np.mean(rest_n[:, : len(LIFT_MM)] ** 2))), 4)
 
 
 def _write_shared(folder: Path, worlds: Worlds, design_ids: list[str]) -> None:
-    """The bank of the whole panel, measures of its objects, and the effects that an answer may name."""
+    """Write the bank of the whole panel, measures of its objects, and the effects that an answer may name."""
     write_bank(folder / BANK, worlds.bank, design_ids)
     shapes = [object_shape(number) for number in worlds.panels.objects]
     columns = ("object_id", "name", "object_class", "height_mm", "width_mm")

@@ -23,7 +23,7 @@ class Manifest(Record):
 
     @staticmethod
     def read(folder: Path) -> "Manifest":
-        """The manifest of a challenge's folder.
+        """Read the manifest of a challenge's folder.
 
         Raises:
             UsageError: there is none, or it is of another form.
@@ -42,18 +42,18 @@ class Manifest(Record):
         (folder / FILE).write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
     def name_worlds(self) -> str:
-        """Names of the worlds, the first to the last."""
+        """Name the worlds, the first to the last."""
         names = list(self.worlds)
         return f"{names[0]} to {names[-1]}"
 
 
 def read_families(folder: Path) -> dict[str, str]:
-    """Family of each effect that may be named, in words; that of `not listed` is empty."""
+    """Read the family of each effect that may be named, in words; that of `not listed` is empty."""
     return {row["effect"]: row["family"] for row in read_table(folder / EFFECTS)}
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
-    """Rows of a CSV file of a challenge's folder, which nobody edits.
+    """Read the rows of a CSV file of a challenge's folder, which nobody edits.
 
     Raises:
         UsageError: it cannot be read.
@@ -66,5 +66,5 @@ def read_table(path: Path) -> list[dict[str, str]]:
 
 
 def check_effect(name: str, families: dict[str, str]) -> str:
-    """What is wrong with the name of an effect; empty if nothing is."""
+    """Say what is wrong with the name of an effect; empty if nothing is."""
     return "" if name in families else f"`{name}` is no listed effect; {closest(name, list(families))}"

@@ -33,7 +33,7 @@ def start(folder: Path) -> Path:
 
 
 def make_template(folder: Path) -> dict[str, object]:
-    """Answers that say of every world that nothing is missing, half sure."""
+    """Make answers that say of every world that nothing is missing, half sure."""
     manifest = Manifest.read(folder)
     answers = [
         {"world": name, "missing": False, "probability": 0.5, "effect": "", "cpu_s": 0.0} for name in manifest.worlds

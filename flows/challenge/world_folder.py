@@ -81,7 +81,7 @@ def write_world(folder: Path, made: Sequence[Made], designs: Mapping[str, Design
 
 
 def read_world(challenge: Path, name: str) -> GivenWorld:
-    """A world of a challenge's folder, as FAST's own methods take it.
+    """Read a world of a challenge's folder, as FAST's own methods take it.
 
     Raises:
         UsageError: the folder lacks it.
@@ -118,7 +118,7 @@ def read_world(challenge: Path, name: str) -> GivenWorld:
 
 
 def read_traces(path: Path) -> dict[str, Trace]:
-    """Traces of a file of the hand-off format by grasp."""
+    """Read the traces of a file of the hand-off format by grasp."""
     table = pq.read_table(path)
     names, first, counts = np.unique(np.array(table["grasp_id"]), return_index=True, return_counts=True)
     channels = [np.array(table[name]) for name in TRACE_COLUMNS[1:]]
@@ -129,7 +129,7 @@ def read_traces(path: Path) -> dict[str, Trace]:
 
 
 def name_grasp(tool: int, object_id: int, repeat: int) -> str:
-    """Id of a grasp within its world."""
+    """Return the id of a grasp within its world."""
     return f"{_name_tool(tool)}-O{object_id:02d}-{repeat}"
 
 
@@ -156,7 +156,7 @@ def _describe(one: Made, place: int, design_ids: Sequence[str], objects: Sequenc
 
 
 def _list_contexts(told: Sequence[Mapping[str, str]]) -> list[GraspContext]:
-    """What came before each grasp; told: all of a world, in order."""
+    """List what came before each grasp; told: all of a world, in order."""
     in_tool: dict[str, int] = {}
     in_batch: dict[str, int] = {}
     found = []

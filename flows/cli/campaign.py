@@ -68,7 +68,7 @@ def run(
 
 @app.command
 def status(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
-    """Where a campaign stands: done and left, best tool so far, what it waits for."""
+    """Say where a campaign stands: done and left, best tool so far, what it waits for."""
     from fast.flows.campaign.status import format_status, read_status
 
     found = open_lake(lake)
@@ -78,7 +78,7 @@ def status(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: 
 
 @app.command(name="list")
 def list_campaigns(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
-    """All campaigns of the lake."""
+    """List all campaigns of the lake."""
     from fast.flows.campaign.status import read_status
 
     found = open_lake(lake)
@@ -101,7 +101,7 @@ def stop(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: As
 
 @app.command
 def abort(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
-    """As stop, and the campaign counts as failed (exit status 1); `fast campaign run` can still continue it."""
+    """Do as stop does, and count the campaign as failed (exit status 1); `fast campaign run` can still continue it."""
     _request("abort", campaign, lake, json)
 
 
@@ -177,21 +177,21 @@ def _request(verb: str, campaign: str | None, lake: Path, as_json: bool) -> None
 
 
 def open_lake(lake: Path, *, create: bool = False) -> "Lake":
-    """The lake at a path, which must exist already unless it is to be made."""
+    """Open the lake at a path, which must exist already unless it is to be made."""
     from fast.lake.store import Lake
 
     return Lake.open(lake, create=create)
 
 
 def campaign_ids(lake: "Lake") -> list[str]:
-    """All campaigns of the lake, oldest first."""
+    """List all campaigns of the lake, oldest first."""
     # Times are left out of what is read: PyArrow would import pandas for them, half a second.
     found = lake.query("SELECT campaign_id FROM campaigns ORDER BY sequence, created_at, campaign_id")
     return [str(name) for name in found["campaign_id"].to_pylist()]
 
 
 def resolve_campaign(lake: "Lake", campaign: str | None) -> str:
-    """The campaign asked for, or the only one there is."""
+    """Return the campaign asked for, or the only one there is."""
     from fast.models.validation import closest
 
     known = campaign_ids(lake)
@@ -221,7 +221,7 @@ def _show_outcome(outcome: "CampaignOutcome", lake: Path, as_json: bool) -> None
 
 
 def _reference_data(outcome: "CampaignOutcome") -> dict[str, Any] | None:
-    """The best tool against the reference finger, for machines; an interval that is not known is empty."""
+    """Compare the best tool with the reference finger, for machines; an interval that is not known is empty."""
     found = outcome.times_reference
     if found is None:
         return None
@@ -245,14 +245,14 @@ def _outcome_text(data: dict[str, Any], lake: Path) -> str:
 
 
 def _can_search_gap(tools: list[dict[str, Any]]) -> bool:
-    """Whether enough tools and objects were measured to hold some out."""
+    """Return whether enough tools and objects were measured to hold some out."""
     from fast.tasks.gap.split import MIN_DESIGNS, MIN_OBJECTS
 
     return sum(tool["n_objects"] >= MIN_OBJECTS for tool in tools) >= MIN_DESIGNS
 
 
 def _next_lines(data: dict[str, Any], lake: Path) -> list[str]:
-    """What to open and what to try next, as it can be clicked or typed."""
+    """List what to open and what to try next, as it can be clicked or typed."""
     from fast.lake.storage.open import storage_at
 
     address = storage_at(lake).address

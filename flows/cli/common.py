@@ -66,7 +66,7 @@ def _write(text: str, stream: TextIO) -> None:
 
 
 def drop(stream: TextIO) -> None:
-    """Nobody takes what a stream says: what is left goes nowhere, without a traceback at exit."""
+    """Drop what is left in a stream that nobody takes: it goes nowhere, without a traceback at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
@@ -91,7 +91,7 @@ def write_out(option: str, path: Path, content: bytes) -> None:
 
 
 def table_text(rows: list[dict[str, Any]], columns: list[str] | None = None, width: int | None = None) -> str:
-    """Rows as an aligned plain-text table; numbers to the right, long values cut.
+    """Return rows as an aligned plain-text table; numbers to the right, long values cut.
 
     width: a wider table is cut into tables below each other, each with the first column.
     """
@@ -112,7 +112,7 @@ def table_text(rows: list[dict[str, Any]], columns: list[str] | None = None, wid
 
 
 def _fit_columns(rows: list[dict[str, Any]], names: list[str], width: int) -> list[list[str]]:
-    """Columns of the tables that a wide one is cut into; the first one leads each."""
+    """Return the columns of the tables that a wide one is cut into; the first one leads each."""
     wide = {name: max(len(name), *(len(_field(row.get(name))) for row in rows)) for name in names}
     first, *others = names
     parts, taken = [[first]], wide[first]

@@ -79,7 +79,7 @@ def compare(
 
 
 def _replay(lake: Path, campaign: str | None, races: int, as_json: bool) -> None:
-    """Strategies on what a campaign has measured."""
+    """Replay strategies on what a campaign has measured."""
     from fast.flows.campaign.status import read_campaign
     from fast.tasks.campaign.simulator_versions import at_present
     from fast.tasks.scientist.backtest import backtest
@@ -95,7 +95,7 @@ def _replay(lake: Path, campaign: str | None, races: int, as_json: bool) -> None
 
 
 def _names(text: str | None, known: Sequence[str]) -> list[str]:
-    """Names of strategies from `a;b`.
+    """Read the names of strategies from `a;b`.
 
     Raises:
         UsageError: there is no such strategy.

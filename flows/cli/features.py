@@ -84,7 +84,7 @@ def _anomalies_text(flags: list[dict[str, Any]]) -> str:
 
 
 def _data(row: "ClassQuality") -> dict[str, Any]:
-    """Row with intervals as objects; bounds that a single tool does not have are null."""
+    """Return a row with intervals as objects; bounds that a single tool does not have are null."""
     data = row._asdict()
     for name in ("first", "last", "change"):
         if data[name] is not None:

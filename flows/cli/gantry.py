@@ -161,7 +161,7 @@ def tool_place(
     bench: ChosenBench = VIRTUAL_BENCH,
     json: AsJson = False,
 ) -> None:
-    """Where the tool is, from the journal and the sensors, and the one safe way on. Homes first; moves no tool."""
+    """Find where the tool is, from journal and sensors, and the one safe way on. Homes first; moves no tool."""
     says = on_head is not None or head_empty
     if says != bool(person) or (on_head is not None and head_empty):
         raise UsageError("say either --on-head SLOT or --head-empty, and who looked with --person NAME.")
@@ -175,7 +175,7 @@ def tool_place(
 def _check_target(
     met: "RigidObject", own_objects: tuple[tuple[int, int], ...], slot: int, tools: "Mapping[int, MountedTool]"
 ) -> None:
-    """Raises UsageError for an object without a place or an empty slot, before a bench is opened."""
+    """Raise UsageError for an object without a place or an empty slot, before a bench is opened."""
     from fast.hardware.parts.layout import N_OBJECTS, BenchLayout
 
     is_own = met.shape is not None
@@ -219,7 +219,7 @@ def open_bench(
     tools: "Mapping[int, MountedTool] | None" = None,
     own_objects: tuple[tuple[int, int], ...] = (),
 ) -> "Iterator[Bench]":
-    """The bench asked for, connected and homed; `own_objects`: numbers of own objects with their places.
+    """Open the bench asked for, connected and homed; `own_objects`: numbers of own objects with their places.
 
     Raises:
         UsageError: a wrong file, or the real bench was not confirmed.

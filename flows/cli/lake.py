@@ -97,7 +97,7 @@ def _note_usual_setup(folder: Path, setup: "GraspSetup", settings: list[str]) ->
 
 
 def _check_lab(lab: str | None) -> None:
-    """Raises ConfigError for a name that no lab can have."""
+    """Raise ConfigError for a name that no lab can have."""
     from fast.lake.handoff.fields import lab_name
 
     try:
@@ -107,7 +107,7 @@ def _check_lab(lab: str | None) -> None:
 
 
 def _read_setup(settings: list[str]) -> "GraspSetup":
-    """The default setup with `name=value` settings.
+    """Read the default setup with `name=value` settings.
 
     Raises:
         ConfigError: a name is unknown, or a value out of its range.
@@ -138,7 +138,7 @@ def show_import(counts: "HandoffCounts", *, is_dry: bool, as_json: bool) -> None
 
 
 def _take_answers(lake: "Lake", folder: Path, origin: "Origin", *, is_dry: bool) -> "Taken | None":
-    """What became of grasps that a campaign on a bench of its own asked for; None where none did, or another lab made.
+    """Tell what became of grasps that a campaign on one's own bench asked for; None if none did, or another lab made.
 
     Raises:
         UsageError: they are not what was asked for; nothing was written.
@@ -288,7 +288,7 @@ def compact(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
 
 @app.command
 def stats(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
-    """Rows, files and size of every table; superseded rows are kept, but no query sees them."""
+    """List rows, files and size of every table; superseded rows are kept, but no query sees them."""
     from fast.lake.maintenance import stats as table_stats
 
     rows = [entry._asdict() for entry in table_stats(open_lake(lake))]
@@ -326,13 +326,13 @@ def lineage(
 
 
 def _check_not_negative(option: str, value: int | None) -> None:
-    """Raises UsageError for a negative count."""
+    """Raise UsageError for a negative count."""
     if value is not None and value < 0:
         raise UsageError(f"{option} is {value}, it must be at least 0; change it.")
 
 
 def _check_campaign(lake: "Lake", campaign: str) -> None:
-    """Raises UsageError when neither a campaign nor an import of this name is in the lake."""
+    """Raise UsageError when neither a campaign nor an import of this name is in the lake."""
     from fast.models.validation import closest
 
     sql = "SELECT campaign_id FROM campaigns UNION SELECT campaign_id FROM grasps"

@@ -23,7 +23,7 @@ N_RECENT = 3
 
 @contextmanager
 def open_reporter() -> Iterator[ProgressReporter]:
-    """Bars at the bottom of the terminal while someone watches, and lines above them; in a log lines alone.
+    """Open bars at the bottom of the terminal while someone watches, and lines above them; in a log lines alone.
 
     A service's or a cluster's SIGTERM ends the command as Ctrl-C does.
     """
@@ -50,13 +50,13 @@ def _sigterm_as_ctrl_c() -> Iterator[None]:
 
 
 def is_watched() -> bool:
-    """Whether standard error is a terminal that can be written over."""
+    """Return whether standard error is a terminal that can be written over."""
     return sys.stderr.isatty() and os.environ.get("TERM", "dumb") != "dumb"
 
 
 @contextmanager
 def open_display(console: "Console") -> Iterator[ProgressReporter]:
-    """A live display on a console; it goes when the command ends, what was announced stays."""
+    """Open a live display on a console; it goes when the command ends, what was announced stays."""
     from rich.live import Live
 
     # Drawn when there is news alone: a campaign runs for days.
@@ -82,7 +82,7 @@ def _drawer(live: "Live") -> Callable[[str, Sequence[Bar]], None]:
 
 
 def draw_progress(recent: Iterable[str], bars: Sequence[Bar]) -> "RenderableType":
-    """What happened last, and a row for each kind of work."""
+    """Draw what happened last, and a row for each kind of work."""
     from rich.console import Group
     from rich.progress_bar import ProgressBar
     from rich.table import Table
@@ -96,7 +96,7 @@ def draw_progress(recent: Iterable[str], bars: Sequence[Bar]) -> "RenderableType
 
 
 def describe_left(bar: Bar) -> str:
-    """Its time left in words."""
+    """Describe its time left in words."""
     if bar.done >= bar.total:
         return "done"
     return UNKNOWN if bar.left_s is None else leave_out(f"{describe_duration(bar.left_s)} left", bar.uncounted)

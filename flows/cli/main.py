@@ -154,7 +154,7 @@ def run(words: list[str] | None, command_line: App = app) -> int:
 
 
 def _is_unusable(word: str) -> bool:
-    """Whether an argument holds what no file name, SQL or name may have; nearly all are printable, which is quick."""
+    """Return whether an argument has what no file name, SQL or name may; nearly all are printable, which is quick."""
     if word.isprintable():
         return False
     from fast.models.validation import is_text
@@ -163,7 +163,7 @@ def _is_unusable(word: str) -> bool:
 
 
 def _usage_sentence(error: CycloptsError, program: str) -> str:
-    """What cyclopts found wrong, on one line, and where the right use is explained."""
+    """Say what cyclopts found wrong, on one line, and where the right use is explained."""
     error.verbose = False
     command = " ".join([program, *(error.command_chain or [])])
     sentence = " ".join(str(error).split())
@@ -190,7 +190,7 @@ def _fail(sentence: str, status: int) -> int:
 
 
 def _open_closed_streams() -> None:
-    """Where a stream was closed (`>&-`) take the null device, else the next file that is opened gets its number."""
+    """Open the null device where a stream was closed (`>&-`), else the next file that is opened gets its number."""
     while (number := os.open(os.devnull, os.O_RDWR)) <= _STANDARD_ERROR:
         os.set_inheritable(number, True)
     os.close(number)

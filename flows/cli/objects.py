@@ -120,7 +120,7 @@ def _row(obj: "RigidObject") -> dict[str, Any]:
 
 
 def _remarks(obj: "RigidObject") -> list[str]:
-    """What a person should know before it is grasped with the default setup."""
+    """List what a person should know before it is grasped with the default setup."""
     from fast.models.records import GraspSetup
 
     setup, size_x_mm = GraspSetup(), obj.size_mm[0]

@@ -37,7 +37,7 @@ def plan(
     ] = None,
     json: AsJson = False,
 ) -> None:
-    """Time per tool and batch, grasps per hour beside the paper's 240, and the parts that dominate. Nothing moves."""
+    """Compute time per tool and batch, grasps per hour beside the paper's 240, and dominant parts. Nothing moves."""
     from fast.hardware.station.cycle_time import add_up
     from fast.models.errors import UsageError
 
@@ -71,7 +71,7 @@ def plan(
 
 
 def _what(config: Path | None, real: Path | None) -> "tuple[ObjectPlan, GraspSetup, BenchSettings]":
-    """Objects and setup of a config, and its bench; one that is no gantry has the times of the lab's."""
+    """Return objects and setup of a config, and its bench; one that is no gantry has the times of the lab's."""
     from fast.hardware.bench import BenchSettings
     from fast.models.records import GraspSetup
     from fast.tasks.campaign.config import load_config, relative_to
@@ -91,7 +91,7 @@ def _what(config: Path | None, real: Path | None) -> "tuple[ObjectPlan, GraspSet
 def _times(
     objects: "ObjectPlan", setup: "GraspSetup", bench: "BenchSettings", n_tools: int, design: list[Path] | None
 ) -> "list[PlanTime]":
-    """One plan per tool, each with its own order; fewer designs than tools are used again."""
+    """Make one plan per tool, each with its own order; fewer designs than tools are used again."""
     from fast.hardware.station.cycle_time import plan_time
 
     mounted, layout, profile = list(rack(design).values()), objects.stand_on(bench.layout), bench.gantry_profile

@@ -139,7 +139,7 @@ def measured(
 
 
 def parse_batch(lake: Any, text: str) -> tuple[str, int]:
-    """Campaign and batch number of `quick/B01`, or of `B01` when the lake has one campaign.
+    """Read campaign and batch number from `quick/B01`, or from `B01` when the lake has one campaign.
 
     Raises:
         UsageError: neither form.
@@ -190,7 +190,7 @@ def mounted(
 
 
 def _by_slot(option: str, entries: list[tuple[int, V]]) -> dict[int, V]:
-    """Raises UsageError when a slot is named twice: one word would silently win over the other."""
+    """Raise UsageError when a slot is named twice: one word would silently win over the other."""
     slots = [slot for slot, _ in entries]
     twice = sorted({slot for slot in slots if slots.count(slot) > 1})
     if twice:
@@ -224,7 +224,7 @@ def _measurement(entry: str) -> tuple[int, "MeasuredTool"]:
 
 
 def _read_measures(pairs: str, place: str) -> "MeasuredTool":
-    """What was measured of a tool, of `front=2.61,back=2.9`; `place` is for messages.
+    """Read what was measured of a tool, from `front=2.61,back=2.9`; `place` is for messages.
 
     Raises:
         UsageError: a measure is unknown, or no number.

@@ -67,12 +67,12 @@ def ask_leave(
 
 
 def has_terminal() -> bool:
-    """Whether a person can type here."""
+    """Return whether a person can type here."""
     return sys.stdin is not None and sys.stdin.isatty()
 
 
 def is_rehearsal(settings: "RealBench") -> bool:
-    """Whether all addresses are of this computer's own pty and loopback: a virtual bench, nothing that can move."""
+    """Return whether all addresses are this computer's own pty and loopback: a virtual bench, nothing that can move."""
     from fast.hardware.arm.settings import ArmSettings
     from fast.hardware.own_bench import OwnBenchSettings
 
@@ -88,7 +88,7 @@ def is_rehearsal(settings: "RealBench") -> bool:
 
 
 def what_moves(name: str, settings: "RealBench", tools: "Mapping[int, MountedTool] | None") -> str:
-    """What a bench will do when it is let: axes, box, speeds, tools, air and valves."""
+    """Say what a bench will do when it is let: axes, box, speeds, tools, air and valves."""
     from fast.hardware.arm.settings import ArmSettings
     from fast.hardware.own_bench import OwnBenchSettings
 

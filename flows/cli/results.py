@@ -92,7 +92,7 @@ def view(
 
 
 def _prepare_page(stack: ExitStack, lake: "Lake", path: Path, is_whole: threading.Event) -> Callable[[], None]:
-    """What opens the page of a recording until the stack ends, and tells its address on a line of its own.
+    """Prepare what opens the page of a recording until the stack ends, and tells its address on a line of its own.
 
     Raises:
         FastError: the key of the lake is another user's.
@@ -125,7 +125,7 @@ def _follow(lake: "Lake", campaign_id: str, path: Path, began: Callable[[], None
 
 
 def _choose_recording(lake: "Lake", what: str) -> tuple[str, Callable[[Path], Path]]:
-    """The folder of outputs, and what writes the recording of a grasp, design, tool or campaign.
+    """Choose the folder of outputs, and what writes the recording of a grasp, design, tool or campaign.
 
     Raises:
         UsageError: the lake has nothing of this name.

@@ -89,7 +89,7 @@ def _tend(lab: "Lab", asked: threading.Event) -> None:
 
 
 def _check_server_wanted(host: str, port: int, option: str = "--port") -> None:
-    """Raises UsageError when the port is taken, or others would reach a server without password."""
+    """Raise UsageError when the port is taken, or others would reach a server without password."""
     from fast.flows.server.access import PASSWORD_VARIABLE
 
     if not _is_loopback(host) and not os.environ.get(PASSWORD_VARIABLE):
@@ -105,7 +105,7 @@ def _check_server_wanted(host: str, port: int, option: str = "--port") -> None:
 
 
 def _is_loopback(host: str) -> bool:
-    """Raises UsageError for what is no IPv4 address."""
+    """Return whether an address is loopback; raise UsageError for what is no IPv4 address."""
     try:
         return ipaddress.IPv4Address(host).is_loopback
     except ValueError as error:

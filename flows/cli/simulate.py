@@ -59,7 +59,7 @@ class Asked:
     ] = None
 
     def read(self, lake: Path) -> "Grasp":
-        """Design, object, simulator version, setup and placement.
+        """Read design, object, simulator version, setup and placement.
 
         Raises:
             UsageError: no object, options that exclude each other, or an id that the lake does not have.
@@ -179,12 +179,12 @@ def _numbers_of(result: "GraspSimulation") -> dict[str, Any]:
 
 
 def split_commas(values: list[str]) -> list[str]:
-    """What an option was given, which may stand there several times and have commas."""
+    """Split what an option was given, which may stand there several times and have commas."""
     return [word.strip() for value in values for word in value.split(",")]
 
 
 def read_tolerances(values: list[str]) -> "Tolerances":
-    """Tolerances, the usual ones but for those that are given as NAME=MM, or several with commas.
+    """Read tolerances, the usual ones but for those that are given as NAME=MM, or several with commas.
 
     Raises:
         UsageError: no NAME=MM, an unknown name, or a value out of its range.
@@ -207,7 +207,7 @@ def _scatter_of(inputs: "GraspInputs", tolerances: "Tolerances") -> dict[str, An
 
 
 def _slopes_of(result: "GraspSimulation") -> dict[str, Any]:
-    """Slopes of the peak, the one whose usual change matters most first; nothing if they were not asked for."""
+    """List the slopes of the peak, the one whose usual change matters most first; nothing if not asked for."""
     from fast.flows.report.slopes import peak_changes
 
     if result.slopes is None:
@@ -227,7 +227,7 @@ def _slopes_of(result: "GraspSimulation") -> dict[str, Any]:
 
 
 def read_design(path: Path | None) -> "Design":
-    """A design from a JSON file, one of the numbered random designs (`random-N`), or the best published one.
+    """Read a design from a JSON file, a numbered random design (`random-N`), or the best published one.
 
     Raises:
         ConfigError: missing file, no JSON, or a value out of its range.
@@ -257,7 +257,7 @@ def read_design(path: Path | None) -> "Design":
 
 
 def read_simulation(lake: Path, simulation_id: str) -> "tuple[Design, RigidObject, SimulatorVersion, GraspSetup]":
-    """Design, object, simulator version and setup of a simulation (S...) of the lake, failed ones too.
+    """Read design, object, simulator version and setup of a simulation (S...) of the lake, failed ones too.
 
     Raises:
         UsageError: the lake has no such simulation, or it is another lab's.
@@ -302,7 +302,7 @@ def _base_version(lake: Path, version_id: str | None, tier: str | None) -> "Simu
 
 
 def read_version(lake: Path, version_id: str | None) -> "SimulatorVersion":
-    """A simulator version of the lake, or the default one.
+    """Read a simulator version of the lake, or the default one.
 
     Raises:
         UsageError: the lake has no such version, or it is another lab's simulator.
@@ -325,7 +325,7 @@ def read_version(lake: Path, version_id: str | None) -> "SimulatorVersion":
 
 
 def apply_settings(settings: list[str], base: "SimulatorVersion") -> "tuple[SimulatorVersion, GraspSetup, Placement]":
-    """The base version, the default setup and the nominal placement with `name=value` settings applied to them.
+    """Apply `name=value` settings to the base version, the default setup and the nominal placement, and return them.
 
     Raises:
         ConfigError: unknown name or value out of range.
@@ -356,7 +356,7 @@ def apply_settings(settings: list[str], base: "SimulatorVersion") -> "tuple[Simu
 
 
 def describe_grasp(data: dict[str, Any]) -> str:
-    """What `fast simulate` prints of a grasp."""
+    """Describe a grasp as `fast simulate` prints it."""
     lines = [
         f"peak pull-off force  {data['peak_force_n']:.2f} N{_scatter_words(data)}",
         f"contact force        {data['contact_force_n']:.2f} N",
@@ -369,7 +369,7 @@ def describe_grasp(data: dict[str, Any]) -> str:
 
 
 def _scatter_words(data: dict[str, Any]) -> str:
-    """The scatter of the peak between prints and mountings, and of what; nothing where it was not asked for."""
+    """Tell the scatter of the peak between prints and mountings, and of what; nothing where it was not asked for."""
     if "peak_sd_n" not in data:
         return ""
     without = ", ".join(map(spell_name, data["sd_is_without"]))
@@ -380,7 +380,7 @@ def _scatter_words(data: dict[str, Any]) -> str:
 
 
 def _slope_lines(data: dict[str, Any]) -> list[str]:
-    """Slopes of the peak as a table, up to where those of the trace are good, and what has none."""
+    """Write the slopes of the peak as a table, up to where those of the trace are good, and what has none."""
     rows = [
         {
             "parameter": row["parameter"],

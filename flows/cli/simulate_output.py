@@ -55,7 +55,7 @@ def write_outputs(
 
 
 def _write_slopes(out: Path, result: "GraspSimulation", title: str) -> list[Path]:
-    """Slopes of the trace as a table, and a picture of what matters most for the peak; nothing without slopes."""
+    """Write the trace's slopes as a table, and a picture of what matters most for the peak; nothing without slopes."""
     from fast.flows.report.slopes import draw_peak_changes
     from fast.flows.report.style import figure_style
 
@@ -99,7 +99,7 @@ def make_folder(out: Path) -> None:
 
 
 def unwritable(folder: Path, error: OSError) -> "UsageError":
-    """The error for a folder of --out that cannot be written."""
+    """Return the error for a folder of --out that cannot be written."""
     return UsageError(f"--out `{folder}` cannot be written: {describe_cause(error)}; give a folder you may write to.")
 
 

@@ -14,7 +14,7 @@ PAPER_GRASPS = 50_608  # that the paper simulated
 
 
 def measure_speed() -> list[dict[str, Any]]:
-    """A row for each kind of work: CPU seconds, and hours where all cores of this computer work on it."""
+    """Measure each kind of work, a row each: CPU seconds, and hours where all cores of this computer work on it."""
     grasp_s = time_grasp()
     fit_s, propose_s = time_scientist()
     n_search = count_search_grasps()
@@ -32,7 +32,7 @@ def measure_speed() -> list[dict[str, Any]]:
 
 
 def time_grasp() -> float:
-    """Mean CPU seconds of a few whole grasps by the production simulator, its kernels compiled before."""
+    """Measure the mean CPU seconds of a few whole grasps by the production simulator, kernels compiled before."""
     from fast.models.design.space import BEST_PUBLISHED, numbered_design
     from fast.models.objects.catalogue import get_object
     from fast.models.records import GraspSetup
@@ -45,7 +45,7 @@ def time_grasp() -> float:
 
 
 def time_scientist() -> tuple[float, float]:
-    """CPU seconds of a fit of the surrogate, and of choosing a batch with it, by max-value entropy search."""
+    """Measure the CPU seconds of a surrogate fit, and of choosing a batch with it by max-value entropy search."""
     import numpy as np
 
     from fast.models.design.space import random_unit
@@ -63,7 +63,7 @@ def time_scientist() -> tuple[float, float]:
 
 
 def count_search_grasps() -> int:
-    """Grasps of the bank of simulations that a search needs before its first answer."""
+    """Count the grasps of the bank of simulations that a search needs before its first answer."""
     from fast.models.design.space import numbered_design
     from fast.models.gap.grasps import Cells
     from fast.models.records import GraspSetup
@@ -81,7 +81,7 @@ def _row(work: str, cpu_s: float, is_shared: bool = False) -> dict[str, Any]:
 
 
 def _time(work: Callable[[], T]) -> tuple[T, float]:
-    """Result and CPU seconds of `work`."""
+    """Return the result and the CPU seconds of `work`."""
     start = time.process_time()
     result = work()
     return result, time.process_time() - start

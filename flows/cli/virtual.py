@@ -122,7 +122,7 @@ def arm(
 
 @contextmanager
 def solver() -> "Iterator[Physics]":
-    """The physics of a virtual bench in a process of its own, compiled before the bench opens.
+    """Run the physics of a virtual bench in a process of its own, compiled before the bench opens.
 
     A thread that solves slows those of the devices: on a busy machine the first grasp lost the PLC.
     """
@@ -144,7 +144,7 @@ def solver() -> "Iterator[Physics]":
 
 
 def read_fault(text: str) -> tuple[str, float]:
-    """Name and time of a fault given as NAME@SECONDS.
+    """Read name and time of a fault given as NAME@SECONDS.
 
     Raises:
         UsageError: unknown name, or no time.
@@ -160,7 +160,7 @@ def read_fault(text: str) -> tuple[str, float]:
 
 
 def rack(designs: list[Path] | None) -> "dict[int, MountedTool]":
-    """Tools of a rack from design files, or ten of the best published design.
+    """Return the tools of a rack from design files, or ten of the best published design.
 
     Raises:
         UsageError: a file that is no design, or more designs than slots.
@@ -177,7 +177,7 @@ def rack(designs: list[Path] | None) -> "dict[int, MountedTool]":
 
 
 def watch_signals() -> threading.Event:
-    """An event that SIGINT and SIGTERM set from now on, so that the caller's clean-up runs on either."""
+    """Return an event that SIGINT and SIGTERM set from now on, so that the caller's clean-up runs on either."""
     asked = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: asked.set())

@@ -86,7 +86,7 @@ def replay(
 
 
 def log_folder(lake: Path | None) -> Path:
-    """Folder of the wire logs: of a lake, or of benches that are moved by hand (in the user's state folder)."""
+    """Return the folder of the wire logs: of a lake, or of benches moved by hand (in the user's state folder)."""
     from fast.hardware.wire.log_files import FOLDER_NAME
     from fast.models.folders import folder_of_person
 
@@ -120,7 +120,7 @@ def _listing(folder: Path) -> list[dict[str, Any]]:
 
 
 def _of_grasp(lake: Path | None, folder: Path, grasp_id: str) -> "tuple[float, float, list[RecordedWire]]":
-    """Time range and logs of a grasp.
+    """Find the time range and the logs of a grasp.
 
     Raises:
         UsageError: no such grasp, or its logs were not kept or have made room since.

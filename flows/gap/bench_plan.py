@@ -37,7 +37,7 @@ class BenchPlan:
 
 
 def plan_next(lake: Lake, search_id: str | None = None) -> BenchPlan:
-    """The grasps that are still open, of one search or of all.
+    """Plan the grasps that are still open, of one search or of all.
 
     Raises:
         UsageError: a tool is no longer there.
@@ -51,7 +51,7 @@ def plan_next(lake: Lake, search_id: str | None = None) -> BenchPlan:
 
 
 def explain_silence(lake: Lake, search_id: str | None = None) -> str:
-    """Why no grasp is asked for: what a search, or the last one of the lake, asks of a person or says of the ranking.
+    """Explain why no grasp is asked for: what a search, or the lake's last, asks of a person or says of the ranking.
 
     Raises:
         UsageError: no such search has ended.
@@ -85,7 +85,7 @@ def write_bench_plan(
 
 
 def make_sheet(plan: BenchPlan, address: str, directory: Path, config: str = "") -> str:
-    """The sheet as one HTML page: a row for each grasp, with what differs from the row before in bold."""
+    """Make the sheet as one HTML page: a row for each grasp, with what differs from the row before in bold."""
     rows = []
     known: Collection[str] | None = None
     for place, request in enumerate(plan.requests, 1):
@@ -106,7 +106,7 @@ def make_sheet(plan: BenchPlan, address: str, directory: Path, config: str = "")
 
 
 def describe_settings(setup: GraspSetup, placement: Placement) -> list[str]:
-    """What a person sets on the bench, with units: `lift speed 20 mm/s`; offsets and waits where there are any."""
+    """List what a person sets on the bench, with units: `lift speed 20 mm/s`; offsets and waits if there are any."""
     always = ("lift_speed_mm_per_s", "open_gap_mm", "closed_gap_mm", "tip_below_mm", "close_speed_mm_per_s")
     found = [_spell(name, getattr(setup, name)) for name in always]
     if setup.dwell_s:
@@ -121,7 +121,7 @@ def _spell(name: str, value: float) -> str:
 
 
 def describe_command(asked: NextExperiment, campaign_id: str | None, address: str) -> str:
-    """The command line that answers a question, or writes the plan of its grasps; empty if it has neither."""
+    """Write the command line that answers a question, or writes the plan of its grasps; empty if it has neither."""
     of = f" --campaign {campaign_id}" if campaign_id else ""
     if asked.person is not None:
         return f"fast gap answer {asked.person.kind} VALUE{of} --operator NAME --lake {shlex.quote(address)}"

@@ -14,7 +14,7 @@ LAKE = "lake"
 
 
 def open_example(out: Path | None = None, file: Path = FILE) -> tuple[Lake, Path]:
-    """The example's lake, unpacked into `lake` in the folder `out` (default: a new temporary one), and that folder.
+    """Open the example's lake, unpacked into `lake` in folder `out` (default: a new temporary one), and return both.
 
     A folder that has it already is gone on with.
 

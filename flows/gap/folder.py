@@ -18,7 +18,7 @@ RECORDING = "held_out.rrd"
 
 
 def find_page(lake: Lake, outcome: GapOutcome) -> Path:
-    """Where the page of a search is in the lake's outputs."""
+    """Find where the page of a search is in the lake's outputs."""
     from fast.flows.report.gap.page import PAGE
 
     return lake.root / "outputs" / outcome.run.gap_id / PAGE
@@ -70,7 +70,7 @@ def _collect_page(lake: Lake, outcome: GapOutcome) -> "GapPage":
 
 
 def _theta_rows(before: "CalibratedSimulator", after: "CalibratedSimulator", is_real: bool) -> "tuple[ThetaRow, ...]":
-    """Constants before and after; no instrument has measured the material of a virtual bench."""
+    """List constants before and after; no instrument has measured the material of a virtual bench."""
     from fast.flows.report.gap.sentences import INDEPENDENT, ThetaRow
     from fast.models.calibration.means.problem import THETA
 
@@ -79,13 +79,13 @@ def _theta_rows(before: "CalibratedSimulator", after: "CalibratedSimulator", is_
 
 
 def _is_real(lake: Lake, campaign_id: str | None) -> bool:
-    """Whether any grasp that was searched is of a real bench."""
+    """Return whether any grasp that was searched is of a real bench."""
     wanted = {} if campaign_id is None else {"campaign_id": campaign_id}
     return any(row["bench"] == "real" for row in lake.rows(GraspRow, **wanted))
 
 
 def _interval(model: "CalibratedSimulator", name: str) -> tuple[float, float, float]:
-    """Median and 90 % interval."""
+    """Return the median and the 90 % interval."""
     low, median, high = np.quantile(model.draws[:, model.names.index(name)], [0.05, 0.5, 0.95])
     return float(median), float(low), float(high)
 

@@ -109,7 +109,7 @@ def look_ahead(
 
 
 def choose_size(config: CampaignConfig, n_tools: int | None, n_objects: int | None) -> tuple[int, int]:
-    """How many of the campaign's first tools, and objects, are rehearsed; None takes 8 and 6, or all.
+    """Choose how many of the campaign's first tools, and objects, are rehearsed; None takes 8 and 6, or all.
 
     Raises:
         UsageError: the panel is too small, or the campaign has fewer tools or objects.
@@ -131,7 +131,7 @@ def choose_size(config: CampaignConfig, n_tools: int | None, n_objects: int | No
 
 
 def _foresee(data: GapData, is_taken: np.ndarray) -> EvidenceFit:
-    """The fit of the grasps that are taken (n), at the middle of the bank and without noise."""
+    """Foresee the fit of the grasps that are taken (n), at the middle of the bank and without noise."""
     usable = data.usable
     taken = usable.select(np.flatnonzero(is_taken[: len(usable.grasps.tool)]))
     problem = Problem.of(taken)
@@ -141,7 +141,7 @@ def _foresee(data: GapData, is_taken: np.ndarray) -> EvidenceFit:
 
 
 def _plan_grasps(campaign: Campaign, designs: Sequence[Design], objects: tuple[int, ...]) -> Grasps:
-    """The grasps of a batch in the order in which the campaign makes them, with forces of 0."""
+    """Plan the grasps of a batch in the order in which the campaign makes them, with forces of 0."""
     plan = campaign.config.objects.model_copy(update={"ids": objects, "files": ()})
     tool: list[int] = []
     obj: list[int] = []

@@ -61,7 +61,7 @@ def search_and_announce(
 
 
 def _notifier(lake: Lake, campaign_id: str | None) -> Notifier:
-    """Speaks if any campaign that was searched would: one of a real bench, or a virtual one that asks for it."""
+    """Return a notifier that speaks if any searched campaign would: a real bench's, or a virtual one that asks."""
     wanted = {} if campaign_id is None else {"campaign_id": campaign_id}
     measured = {(row["campaign_id"], row["bench"]) for row in lake.rows(GraspRow, **wanted)}
     configs = {row.campaign_id: row.config_toml for row in lake.records(CampaignRow)}
@@ -70,7 +70,7 @@ def _notifier(lake: Lake, campaign_id: str | None) -> Notifier:
 
 
 def _notifier_of(campaign_id: str, config_toml: str | None, is_virtual: bool) -> Notifier:
-    """As a campaign's config says; one that was imported has none and speaks unless its bench was virtual."""
+    """Return the notifier of a campaign's config; an imported one has none and speaks unless its bench was virtual."""
     if config_toml is None or is_imported(config_toml):
         return notifier(is_virtual, KINDS)
     config = read_stored_config(config_toml, campaign_id)
@@ -78,7 +78,7 @@ def _notifier_of(campaign_id: str, config_toml: str | None, is_virtual: bool) ->
 
 
 def markdown(outcome: GapOutcome, page: str) -> str:
-    """The answer for a message."""
+    """Write the answer for a message."""
     findings = outcome.run.findings
     lines = [f"# {outcome.sentence}", ""]
     for number, found in enumerate(findings.rounds, start=1):

@@ -85,7 +85,7 @@ class GapRequest:
     """Of the chains."""
 
     def with_workers(self, n: int) -> "GapRequest":
-        """The same order with other worker processes, which change no result."""
+        """Return the same order with other worker processes, which change no result."""
         return replace(self, settings=self.settings.model_copy(update={"workers": n}))
 
 
@@ -132,7 +132,7 @@ def run_gap(
 
 
 def describe_search_cost(lake: Lake, request: GapRequest, reporter: ProgressReporter) -> str:
-    """What a search would simulate and how long that takes, in a sentence; the split is frozen, nothing is searched.
+    """Tell what a search would simulate and how long that takes, in a sentence; the split is frozen, nothing searched.
 
     A lake that has never simulated such grasps makes a few of the bank's, which tell how long one takes.
 
@@ -188,7 +188,7 @@ def _prepare(lake: Lake, request: GapRequest) -> _Search:
 
 
 def _write_cost(lake: Lake, search: _Search, reporter: ProgressReporter) -> str:
-    """How many grasps the search simulates, and how long they take on its workers; not counted are held-out ones."""
+    """Write how many grasps the search simulates, and how long they take on its workers, held-out ones not counted."""
     n_workers = search.request.settings.workers
     around = plan_bank(search.base, search.measured.grasps.cells, choose_largest_bank())
     costs = probe_costs(lake, search.plans, n_workers, reporter)
@@ -203,7 +203,7 @@ def _write_cost(lake: Lake, search: _Search, reporter: ProgressReporter) -> str:
 
 
 def probe_costs(lake: Lake, plans: Sequence[SimulationPlan], n_workers: int, reporter: ProgressReporter) -> GraspCosts:
-    """How long a grasp of plans takes; where the lake does not know, a few are simulated."""
+    """Find how long a grasp of plans takes; where the lake does not know, a few are simulated."""
     probe = plan_probe(lake, plans, GraspCosts.read(lake))
     if n_missing(lake, probe):
         simulate_missing(lake, probe, n_workers, reporter)
@@ -211,7 +211,7 @@ def probe_costs(lake: Lake, plans: Sequence[SimulationPlan], n_workers: int, rep
 
 
 def describe_cpu(cpu_s: float | None, n_workers: int) -> str:
-    """A time of CPU in words, and how long it takes on so many workers; None: not known."""
+    """Describe a time of CPU in words, and how long it takes on so many workers; None: not known."""
     if cpu_s is None:
         return "how long one takes is not known yet"
     n_at_once = min(n_workers, os.cpu_count() or 1)
@@ -278,7 +278,7 @@ class Simulator:
 
 
 def _run_rounds(lake: Lake, search: _Search, simulator: Simulator, reporter: ProgressReporter) -> GapOutcome:
-    """Round after round, then what it changed; writes the answer."""
+    """Run round after round, then find what it changed; write the answer."""
     from fast.tasks.gap.refine import ask_next
     from fast.tasks.gap.rounds import evaluate_rounds, judge
 
@@ -305,7 +305,7 @@ def _run_rounds(lake: Lake, search: _Search, simulator: Simulator, reporter: Pro
 def _gather_inputs(
     lake: Lake, search: _Search, effects: Sequence[EffectValue], simulator: Simulator, reporter: ProgressReporter
 ) -> "tuple[SearchInputs, list[str]]":
-    """What rounds on the wide bank work with, rehearsed, and what is to be warned of."""
+    """Gather what rounds on the wide bank work with, rehearsed, and what is to be warned of."""
     from fast.models.gap.evidence.rehearsal import rehearse_panel
     from fast.tasks.gap.calibrate import SearchInputs
 
@@ -329,7 +329,7 @@ def _gather_inputs(
 def _sum_up(
     seed: int, start: Start, rounds: "Sequence[Round]", following: "Next", verdict: Verdict, evaluation: "Evaluation"
 ) -> Findings:
-    """The answer of all rounds, but for what it took and its warnings."""
+    """Sum up the answer of all rounds, but for what it took and its warnings."""
     from fast.models.gap.evidence.visible import describe_panel, find_visible_sizes
 
     told = (*(one.asked for one in rounds), following.refined)
@@ -381,7 +381,7 @@ def _keep_findings(lake: Lake, search: _Search, rounds: "Sequence[Round]", findi
 def _repeat_rounds(
     wide: "SearchInputs", effects: Sequence[EffectValue], most: int, reporter: ProgressReporter
 ) -> "list[Round]":
-    """Rounds until one changes nothing, or as many as are asked for."""
+    """Repeat rounds until one changes nothing, or as many as are asked for."""
     from fast.tasks.gap.calibrate import calibrate_simulator
     from fast.tasks.gap.rounds import run_round, settle_bank
 
@@ -402,7 +402,7 @@ def _repeat_rounds(
 
 
 def _find_start(lake: Lake, search: _Search) -> Start:
-    """The simulator in use now, whose effects are tested again: what earlier searches made of it, or the first one.
+    """Find the simulator in use, whose effects are tested again: what earlier searches made of it, or the first one.
 
     Written down when the search begins: one that is killed after it added an effect begins again without. A search that
     goes on with what an earlier one asked for begins as that did: what stood for a set is no more sure than the set.
@@ -435,7 +435,7 @@ def _spent(simulator: Simulator, seconds: float) -> dict[str, float]:
 
 
 def describe_outcome(findings: Findings) -> str:
-    """What was found, in a sentence."""
+    """Write what was found, in a sentence."""
     named = [found.named for found in findings.rounds]
     effects = [(place, one) for place, one in enumerate(findings.rounds) if one.named.kind == "effect"]
     added, refused, left = (

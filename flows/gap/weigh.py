@@ -89,7 +89,7 @@ class Weighed:
         return " ".join(said)
 
     def list_rows(self) -> list[dict[str, Any]]:
-        """What was weighed, the most evidence first: effects on trial, and the best pattern without a name."""
+        """List what was weighed, the most evidence first: effects on trial, and the best pattern without a name."""
         trials = self.naming.trials
         values = {one.effect: one.value for one in trials.tried}
         values |= {value.effect: value for value in self.naming.values}  # what is named is told once
@@ -109,7 +109,7 @@ class Weighed:
         return sorted(rows, key=lambda row: -row["evidence"])
 
     def _describe_beside(self, beside: Beside) -> str:
-        """How far the other simulator is from this one, and where its constants would go."""
+        """Tell how far the other simulator is from this one, and where its constants would go."""
         theta = self.naming.trials.fit.theta
         modulus, friction, ratio = theta - beside.theta
         off = np.log(np.array([theta[0] / beside.theta[0], beside.factor]) / STANDARD_GRAVITY_M_PER_S2)
@@ -124,7 +124,7 @@ class Weighed:
 
 
 def is_small(lake: Lake, request: GapRequest) -> bool:
-    """Whether a panel has too few designs or objects to hold some out.
+    """Return whether a panel has too few designs or objects to hold some out.
 
     Raises:
         UsageError: nothing was measured, or on several benches; a design is unknown.
@@ -137,7 +137,7 @@ def is_small(lake: Lake, request: GapRequest) -> bool:
 
 
 def describe_cost(lake: Lake, request: GapRequest, reporter: ProgressReporter, simulated: Path | None = None) -> str:
-    """What weighing a panel would simulate and how long that takes, in a sentence. simulated: as in `weigh_panel`.
+    """Say what weighing a panel would simulate and how long that takes, in a sentence. simulated: as in `weigh_panel`.
 
     A lake that has never simulated such grasps makes a few of the bank's, which tell how long one takes.
 
@@ -165,7 +165,7 @@ def weigh_panel(lake: Lake, request: GapRequest, reporter: ProgressReporter, sim
 
 
 def _read(lake: Lake, request: GapRequest, simulated: Path | None) -> tuple[MeasuredGrasps, np.ndarray | None]:
-    """What was measured, and another simulator's step means of it, if there is one."""
+    """Read what was measured, and another simulator's step means of it, if there is one."""
     measured = read_grasps(lake, request.campaign_id, request.panel)
     _check_size(measured)
     if simulated is None:
@@ -216,7 +216,7 @@ def _write_cost(lake: Lake, request: GapRequest, plans: Sequence[SimulationPlan]
 
 
 def _find_base(lake: Lake, measured: MeasuredGrasps) -> SimulatorVersion:
-    """The simulator of the campaigns, without effects."""
+    """Find the simulator of the campaigns, without effects."""
     return find_base_version(lake, measured.campaigns, None).model_copy(update={"effects": ()})
 
 

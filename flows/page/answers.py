@@ -170,7 +170,7 @@ def keep_upload(lake: Lake, name: str, content: bytes) -> str:
 
 
 def look_at_upload(lake: Lake, campaign_id: str, upload: str) -> Dropped:
-    """What would be written of a dropped file, or why it cannot be; nothing is written."""
+    """Say what would be written of a dropped file, or why it cannot be; nothing is written."""
     path, campaign = find_upload(lake, upload), read_campaign(lake, campaign_id)
     rows: list[dict[str, Any]] = []
     machine: MachineFormat | None = None
@@ -228,7 +228,7 @@ def undo_told(lake: Lake, campaign_id: str, operator: str) -> str:
 
 
 def find_upload(lake: Lake, upload: str) -> Path:
-    """The file of a dropped table.
+    """Find the file of a dropped table.
 
     Raises:
         UsageError: it is not there any more.
@@ -245,7 +245,7 @@ def _uploads(lake: Lake) -> Path:
 
 @contextmanager
 def _named_as_dropped(path: Path) -> Iterator[None]:
-    """Within, an error names the file as the person does who dropped it, not where it is kept meanwhile."""
+    """Let an error within name the file as the person who dropped it does, not where it is kept meanwhile."""
     try:
         yield
     except FastError as error:

@@ -22,7 +22,7 @@ _OUTPUTS_POLICY = "sandbox; default-src 'self' data:; style-src 'self' 'unsafe-i
 
 
 def make_app(lake: Lake, login: str) -> App:
-    """The page of a lake, without the gate. `login`: `user:password` of the lake, from which links and token follow."""
+    """Make a lake's page, without the gate. `login`: `user:password` of the lake, from which links and token follow."""
     page = LabPage(lake, login)
     app = FastAPI(
         title="FAST: a lab's page", version="1", docs_url=None, redoc_url=None, openapi_url="/api/v1/openapi.json"
@@ -50,7 +50,7 @@ def make_app(lake: Lake, login: str) -> App:
 
 
 def _add_files(app: FastAPI, page: LabPage) -> None:
-    """Style, scripts, and what the lake has put out for people, which runs no script here."""
+    """Add style, scripts, and what the lake has put out for people, which runs no script here."""
     mimetypes.add_type("text/javascript", ".js")
     folder = page.lake.root / "outputs"
     folder.mkdir(parents=True, exist_ok=True)
@@ -76,7 +76,7 @@ class _Files(StaticFiles):
         self._headers = headers
 
     def file_response(self, *args: Any, **kwargs: Any) -> Response:
-        """A file with the headers."""
+        """Return a file with the headers."""
         answer = super().file_response(*args, **kwargs)
         answer.headers.update(self._headers)
         return answer

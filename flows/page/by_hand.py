@@ -20,7 +20,7 @@ from fast.tasks.campaign.requests import GANTRY_LEASE
 
 
 def describe_holder(lake: Lake, lent: LentBench | None) -> str:
-    """Who has the bench, in some words; empty where nobody has and none is lent."""
+    """Say who has the bench, in some words; empty where nobody has and none is lent."""
     if lent is not None and lent.holder:
         return f"{lent.holder} moves the bench by hand"
     if holder_of(lake.storage, GANTRY_LEASE) is not None:
@@ -29,7 +29,7 @@ def describe_holder(lake: Lake, lent: LentBench | None) -> str:
 
 
 def read_bench(lake: Lake, lent: LentBench | None) -> dict[str, Any]:
-    """What the bench that is moved by hand reads now, what was said of it last, and a mark of who has it."""
+    """Read what the hand-moved bench reads now, what was said of it last, and a mark of who has it."""
     values: dict[str, Any] = {}
     if lent is not None and lent.holder:
         with contextlib.suppress(OSError, ValueError):
@@ -38,7 +38,7 @@ def read_bench(lake: Lake, lent: LentBench | None) -> dict[str, Any]:
 
 
 def mark_lent(lent: LentBench | None) -> str:
-    """Changes when the card of the bench is to be drawn anew: whoever has it, or may have it, is another."""
+    """Return a mark that changes when the bench's card is to be drawn anew: whoever has or may have it is another."""
     if lent is None:
         return ""
     return f"{lent.session} {lent.holder} {lent.wanted_by} {lent.may_take(lent.wanted_by)}"
@@ -70,7 +70,7 @@ def ask_bench(lake: Lake, form: Mapping[str, str], operator: str) -> str:
 
 
 def find_lent(lake: Lake, config: Path) -> LentBench:
-    """The lent bench that a campaign's config is for.
+    """Find the lent bench that a campaign's config is for.
 
     Raises:
         UsageError: none is lent, or the config is for another.

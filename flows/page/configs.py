@@ -19,7 +19,7 @@ _NAMED_FILE = re.compile(r"""\"([^"/~\n][^"\n]*\.[^"\n]*)\"|'([^'/~\n][^'\n]*\.[
 
 
 def list_configs(lake: Lake) -> list[str]:
-    """Configs to start from: those that were kept here, those of the folder of `fast serve`, and those of FAST."""
+    """List configs to start from: those that were kept here, those of the folder of `fast serve`, and those of FAST."""
     own = sorted(path.name for path in _own_folder(lake).glob("[!.]*.toml"))
     coming = sorted({path.name for folder in _list_folders() for path in folder.glob("*.toml")})
     first = ["quick.toml"] if "quick.toml" in coming else []
@@ -27,7 +27,7 @@ def list_configs(lake: Lake) -> list[str]:
 
 
 def read_config(lake: Lake, name: str) -> str:
-    """Text of a config by its name in the list.
+    """Read the text of a config by its name in the list.
 
     Raises:
         UsageError: it is not in the list, or cannot be read.
@@ -39,7 +39,7 @@ def read_config(lake: Lake, name: str) -> str:
 
 
 def find_same(lake: Lake, text: str) -> Path | None:
-    """The config of the list with this very text, if there is one."""
+    """Find the config of the list with this very text, if there is one."""
     for path in (_find_config(lake, name) for name in list_configs(lake)):
         if path.read_bytes().decode("utf-8-sig", "replace").strip() == text.strip():
             return path
@@ -61,7 +61,7 @@ def keep_config(lake: Lake, text: str, base: str, name: str) -> Path:
 
 
 def find_world(lake: Lake, campaign_id: str) -> Path:
-    """The world file of a campaign's virtual bench; without one, that of the first config of the list that has one.
+    """Find the world file of a campaign's virtual bench; without one, that of the list's first config that has one.
 
     Raises:
         UsageError: none has.
@@ -79,7 +79,7 @@ def _own_folder(lake: Lake) -> Path:
 
 
 def _list_folders() -> list[Path]:
-    """Folders of configs; of two files with one name, that of the first is meant, as by the worker (`find_config`)."""
+    """List folders of configs; of two files with one name, the first's is meant, as by the worker (`find_config`)."""
     served = os.environ.get(FOLDER_VARIABLE)
     return [folder / "campaigns" for folder in ([Path(served)] if served else []) + [CHECKOUT]]
 

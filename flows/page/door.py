@@ -21,7 +21,7 @@ _LIMIT_S = 120.0
 
 
 def make_server(api: Api) -> "MCPServer":
-    """The tools of a lake's page, for an agent."""
+    """Make a server with the tools of a lake's page, for an agent."""
     from mcp.server import MCPServer
 
     server = MCPServer("fast", version=version("fast-gripper-lab"))
@@ -29,12 +29,12 @@ def make_server(api: Api) -> "MCPServer":
 
     @server.tool()
     def list_campaigns() -> list[str]:
-        """Campaigns of the lake, the newest first."""
+        """List campaigns of the lake, the newest first."""
         return page.get("campaigns")
 
     @server.tool()
     def read_campaign(campaign_id: str) -> dict[str, Any]:
-        """Where a campaign stands: state in a word, grasps measured and simulated, when a person is needed, best tool.
+        """Say where a campaign stands: state in a word, grasps measured, simulated, when a person is needed, best tool.
 
         Forces are in N.
         """
@@ -42,17 +42,17 @@ def make_server(api: Api) -> "MCPServer":
 
     @server.tool()
     def list_tools() -> list[dict[str, Any]]:
-        """Measured tools, best first: `tool_quality_n` is the mean peak pull-off force in N, `work_j` the work in J."""
+        """List measured tools, best first; `tool_quality_n`: mean peak pull-off force in N, `work_j`: work in J."""
         return page.get("tools")
 
     @server.tool()
     def ask_sql(sql: str) -> dict[str, Any]:
-        """The answer to one SELECT over the lake (DuckDB), at most 500 rows. `FROM tool_quality` is a good start."""
+        """Answer one SELECT over the lake (DuckDB) with at most 500 rows. `FROM tool_quality` is a good start."""
         return page.post("sql", {"sql": sql})
 
     @server.tool()
     def read_findings() -> list[dict[str, Any]]:
-        """What gap searches found: where simulation and measurement disagree, and what is missing. Errors are in N."""
+        """Read what gap searches found: where simulation and measurement disagree, what is missing. Errors are in N."""
         return page.get("findings")
 
     @server.tool()
@@ -62,7 +62,7 @@ def make_server(api: Api) -> "MCPServer":
 
     @server.tool()
     def list_todo() -> list[dict[str, Any]]:
-        """What people are asked for now."""
+        """List what people are asked for now."""
         return page.get("todo")
 
     @server.tool()
@@ -88,19 +88,19 @@ class _Page:
         self._address, self._login = f"{api.page}/api/v1/", (user, key)
 
     def get(self, path: str) -> Any:
-        """What the page says."""
+        """Get what the page says."""
         with self._open() as client:
             return _read(client.get(path))
 
     def post(self, path: str, body: dict[str, Any]) -> Any:
-        """What the page answers."""
+        """Post a body and return what the page answers."""
         with self._open() as client:
             token = _read(client.get("me"))["token"]
             return _read(client.post(path, json=body, headers={"X-Fast-Token": token}))
 
     @contextmanager
     def _open(self) -> Iterator[httpx.Client]:
-        """The page, whose refusals an agent reads: of another error it is told the tool's name alone."""
+        """Open the page, whose refusals an agent reads: of another error it is told the tool's name alone."""
         from mcp.server.mcpserver.exceptions import ToolError
 
         try:
@@ -113,12 +113,12 @@ class _Page:
 
 
 def _describe(fault: dict[str, Any]) -> str:
-    """A fault of the schema's check: where and what."""
+    """Describe a fault of the schema's check: where and what."""
     return f"{'.'.join(str(part) for part in fault['loc'][1:])}: {fault['msg']}"
 
 
 def _read(response: httpx.Response) -> Any:
-    """An answer as data.
+    """Read an answer as data.
 
     Raises:
         FastError: the page refused, in its sentence.

@@ -145,17 +145,17 @@ def add_interface(app: FastAPI, page: LabPage) -> None:
 def _add_reads(router: APIRouter, page: LabPage) -> None:
     @router.get("/campaigns")
     def read_campaigns() -> list[str]:
-        """Campaigns of the lake, the newest first."""
+        """List campaigns of the lake, the newest first."""
         return list_campaigns(page.lake)
 
     @router.get("/campaigns/{campaign_id}")
     def read_state(campaign_id: str) -> CampaignState:
-        """Where a campaign stands."""
+        """Tell where a campaign stands."""
         return _describe_state(page, campaign_id)
 
     @router.get("/todo")
     def read_todo() -> list[AskedOfPerson]:
-        """What people are asked for now."""
+        """List what people are asked for now."""
         proposed = [
             AskedOfPerson(campaign_id=one.campaign_id, kind="proposal", sentence=f"{one.who} proposes: {one.why}")
             for one in list_open(page.lake).values()
@@ -164,23 +164,23 @@ def _add_reads(router: APIRouter, page: LabPage) -> None:
 
     @router.get("/tools")
     def read_tools() -> list[dict[str, Any]]:
-        """Measured tools, best first; forces in N, work in J."""
+        """List measured tools, best first; forces in N, work in J."""
         return results.list_tools(page.lake)
 
     @router.get("/findings")
     def read_findings() -> list[Finding]:
-        """What gap searches found, the newest first."""
+        """List what gap searches found, the newest first."""
         return _list_findings(page)
 
     @router.post("/sql")
     def ask(question: SqlQuestion) -> SqlRows:
-        """The answer to a question; reads only, within the limits of the page."""
+        """Answer a question; reads only, within the limits of the page."""
         found = results.query_sql(page.lake, question.sql, results.for_programs)
         return SqlRows(columns=list(found.columns), rows=[list(row) for row in found.rows], n_rows=found.n_rows)
 
     @router.get("/me")
     def read_me(request: Request) -> Visit:
-        """What the bearer of this key may do, and the token that a write carries in `X-Fast-Token`."""
+        """Tell what the bearer of this key may do, and the token that a write carries in `X-Fast-Token`."""
         return Visit(role=visitor_of(request).role, token=page.token)
 
 
@@ -195,7 +195,7 @@ def _add_writes(router: APIRouter, page: LabPage) -> None:
 
     @router.get("/proposals")
     def read_proposals() -> dict[str, Proposal]:
-        """Proposals that wait for a person, by id."""
+        """Read the proposals that wait for a person, by id."""
         return list_open(page.lake)
 
     @router.post("/proposals", dependencies=[_TOKEN])
@@ -210,7 +210,7 @@ def _add_writes(router: APIRouter, page: LabPage) -> None:
 
 
 def _describe_state(page: LabPage, campaign_id: str) -> CampaignState:
-    """Where a campaign stands.
+    """Describe where a campaign stands.
 
     Raises:
         UnknownError: there is none that can be shown.
@@ -257,14 +257,14 @@ def _list_findings(page: LabPage) -> list[Finding]:
 
 
 def refuse_program(error: FastError) -> Response:
-    """An error as a program is told of it: `Refusal`, with the status of its kind."""
+    """Return an error as a program is told of it: `Refusal`, with the status of its kind."""
     kinds = {NotAllowedError: 403, UnknownError: 404, UsageError: 400}
     status = next((status for kind, status in kinds.items() if isinstance(error, kind)), 409)
     return JSONResponse({"detail": str(error)}, status, HEADERS)
 
 
 def describe_todo(todo: Todo) -> AskedOfPerson:
-    """What a person is asked for, in a sentence."""
+    """Describe what a person is asked for, in a sentence."""
     if isinstance(todo, BenchTodo):
         return AskedOfPerson(campaign_id=todo.campaign_id, kind="bench", sentence=todo.asked.question.sentence)
     if isinstance(todo, PrintTodo):

@@ -37,7 +37,7 @@ class Job:
 
 
 def list_jobs(lake: Lake) -> list[Job] | None:
-    """What the worker does and will do, and what failed, forms left aside; None where no worker stands."""
+    """List what the worker does and will do, and what failed, forms left aside; None where no worker stands."""
     api = find_any_server(lake)
     if api is None:
         return None
@@ -65,7 +65,7 @@ def _list_open(api: Api, flows: Mapping[str, str], lake: Lake) -> list[Job]:
 
 
 def _list_failed(api: Api, flows: Mapping[str, str], lake: Lake) -> list[Job]:
-    """Jobs whose last run of this day failed, the newest first; of campaigns those that nobody began again since."""
+    """List jobs whose last run of this day failed, newest first; of campaigns those nobody began again since."""
     ended = {"state": {"type": {"any_": [*_FAILED, "COMPLETED"]}}, "deployment_id": {"is_null_": False}}
     ended |= {"end_time": {"after_": (datetime.now(UTC) - _TOLD_FOR).isoformat()}}
     last: dict[str, dict[str, Any]] = {}
@@ -81,13 +81,13 @@ def _list_failed(api: Api, flows: Mapping[str, str], lake: Lake) -> list[Job]:
 
 
 def _read_runs(api: Api, which: dict[str, Any], lake: Lake) -> list[dict[str, Any]]:
-    """Runs of this lake that the server has."""
+    """Read the runs of this lake that the server has."""
     here = address_for_others(lake)
     return [run for run in ask_server(api, "/flow_runs/filter", which) if run["parameters"].get("lake", here) == here]
 
 
 def _name_job(flow: str, run: Mapping[str, Any]) -> str:
-    """What a run does; Prefect gives it a name of ours when it begins, until then one like `sage-petrel`."""
+    """Name what a run does; Prefect gives it our name when it begins, until then one like `sage-petrel`."""
     told = run["parameters"]
     if flow == "run-campaign":
         return f"campaign {Path(told.get('config', '')).stem}"
@@ -126,7 +126,7 @@ def start_on_worker(
 
 
 def require_worker(lake: Lake) -> Api:
-    """The server of `fast serve`.
+    """Return the server of `fast serve`.
 
     Raises:
         UsageError: it does not stand.

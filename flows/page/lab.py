@@ -40,7 +40,7 @@ class Cached:
         """CPU of the last reading."""
 
     def get(self, name: str) -> Any:
-        """As it is now, or was a moment ago."""
+        """Get the value as it is now, or was a moment ago."""
         with self._lock:
             marks, now_s = read_marks(self._lake), time.monotonic()
             if name in self._known:
@@ -76,7 +76,7 @@ class LabPage:
         self._frames: dict[str, tuple[Any, float, dict[str, Any]]] = {}
 
     def read_now(self, campaign_id: str) -> Now | None:
-        """What the tab Now shows of a campaign; None where there is none, or it cannot be read."""
+        """Read what the tab Now shows of a campaign; None where there is none, or it cannot be read."""
         if not campaign_id:
             return None
         try:
@@ -86,12 +86,12 @@ class LabPage:
             return None
 
     def read_todos(self) -> list[Todo]:
-        """The inbox."""
+        """Read the inbox."""
         todos: list[Todo] = self._todos.get("")
         return todos
 
     def read_lent(self) -> LentBench | None:
-        """The bench that is lent, as long as the process that lends it lives."""
+        """Read the bench that is lent, as long as the process that lends it lives."""
         holder = holder_of(self.lake.storage, LEASE)
         if holder is None:
             return None
@@ -99,13 +99,13 @@ class LabPage:
         return lent
 
     def forget(self) -> None:
-        """Something was written here."""
+        """Forget what was read, since something was written here."""
         for read in (self._now, self._todos, self._lent):
             read.forget()
         self._frames.clear()
 
     def choose_campaign(self, request: Request) -> str:
-        """The campaign that is asked for; else the one that runs, or the newest; empty where there is none."""
+        """Choose the campaign that is asked for; else the one that runs, or the newest; empty where there is none."""
         names, asked = list_campaigns(self.lake), request.query_params.get("campaign", "")
         return asked if asked in names else self._choose(names)
 
@@ -114,7 +114,7 @@ class LabPage:
         return next(iter([*running, *names]), "")
 
     def read_strip(self, campaign_id: str, now: Now | None) -> Strip | None:
-        """The control strip of a campaign."""
+        """Read the control strip of a campaign."""
         if not campaign_id:
             return None
         own = [todo for todo in self.read_todos() if todo.campaign_id == campaign_id]
@@ -123,13 +123,13 @@ class LabPage:
         return read_strip(self.lake, campaign_id, now is not None and now.is_complete, is_waiting and not is_bench_busy)
 
     def frame(self, request: Request, tab: str) -> dict[str, Any]:
-        """What stands around every tab."""
+        """Return what stands around every tab."""
         lent = self.read_lent()
         bench = {"bench": describe_holder(self.lake, lent), "lent": lent, "bench_mark": mark_lent(lent)}
         return {"tab": tab, **self._read_frame(request.query_params.get("campaign", "")), **bench}
 
     def _read_frame(self, asked: str) -> dict[str, Any]:
-        """The same for a campaign that is asked for; kept until a row is written, or a lease changes hands."""
+        """Read the same for a campaign that is asked for; kept until a row is written, or a lease changes hands."""
         names = list_campaigns(self.lake)
         asked = asked if asked in names else ""
         owned = [lease_name(name) for name in ([asked] if asked else names)]
@@ -153,7 +153,7 @@ class LabPage:
         return frame
 
     async def show(self, request: Request, template: str, tab: str, **values: Any) -> Response:
-        """A tab, or a part of it; of a campaign that the lake lacks an error says so."""
+        """Show a tab, or a part of it; of a campaign that the lake lacks an error says so."""
         asked = request.query_params.get("campaign", "")
 
         def work() -> Response:

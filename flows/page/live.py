@@ -28,7 +28,7 @@ _LONGEST_QUEUE = 200  # a page that takes nothing for so long gets everything an
 
 
 def read_marks(lake: Lake, tables: Iterable[type[Row]] = (*_SELDOM, SimulationRow)) -> tuple[Any, ...]:
-    """How far the tables that the page shows go."""
+    """Read how far the tables that the page shows go."""
     return tuple(lake.mark(table) for table in tables)
 
 
@@ -36,12 +36,12 @@ class LiveHub:
     """Followers of campaigns, by campaign."""
 
     def __init__(self, lake: Lake, cost_s: Callable[[], float] = lambda: 0.0) -> None:
-        """`cost_s`: CPU that the news cost to show, the last time."""
+        """Make a hub for a lake; `cost_s`: CPU that the news cost to show, the last time."""
         self._lake, self._cost_s = lake, cost_s
         self._watchers: dict[str, _Watcher] = {}
 
     async def follow(self, campaign_id: str) -> AsyncIterator[str]:
-        """Events for one page, until it is closed: the present grasp whole, then what comes."""
+        """Yield events for one page, until it is closed: the present grasp whole, then what comes."""
         watcher = self._watchers.get(campaign_id)
         if watcher is None:
             watcher = self._watchers[campaign_id] = _Watcher(self._lake, campaign_id, self._cost_s)
@@ -74,7 +74,7 @@ class _Watcher:
         self._task: asyncio.Task[None] | None = None
 
     def add(self) -> "asyncio.Queue[str]":
-        """A follower more, who gets the present grasp whole, up to where the others have it."""
+        """Add a follower, who gets the present grasp whole, up to where the others have it."""
         queue: asyncio.Queue[str] = asyncio.Queue()
         whole = self._send_new()
         for _ in range(_MOST_LOOKS):  # a sample may come between two looks
@@ -90,7 +90,7 @@ class _Watcher:
         return queue
 
     def remove(self, queue: "asyncio.Queue[str]") -> None:
-        """A follower less; the last one takes the watcher with it."""
+        """Remove a follower; the last one takes the watcher with it."""
         self.queues.discard(queue)
         if not self.queues and self._task is not None:
             self._task.cancel()
@@ -113,7 +113,7 @@ class _Watcher:
             await asyncio.sleep(FORCE_S)
 
     def _pulse(self, simulated: Any) -> tuple[Any, ...] | None:
-        """What changes when there is something new to show; None while the lake cannot be read."""
+        """Return what changes when there is something new to show; None while the lake cannot be read."""
         try:
             holder = holder_of(self._lake.storage, lease_name(self._campaign_id))
             gantry = holder_of(self._lake.storage, GANTRY_LEASE)
@@ -137,7 +137,7 @@ class _Watcher:
 
 
 def format_force(found: LiveGrasp) -> str:
-    """New samples of the present grasp as an event."""
+    """Format new samples of the present grasp as an event."""
     data = {
         "isOther": found.is_other,
         "tool": found.tool_id,

@@ -181,7 +181,7 @@ class NowReader:
         self._pictures: OrderedDict[str, str] = OrderedDict()
 
     def read(self, campaign_id: str) -> Now:
-        """A campaign as it is now."""
+        """Read a campaign as it is now."""
         campaign = at_present(read_campaign(self._lake, campaign_id))
         state = campaign.state()
         load = count_work(campaign, state)
@@ -221,7 +221,7 @@ class NowReader:
         )
 
     def simulated(self, campaign_id: str, tool_id: str, object_id: int) -> dict[str, list[float]]:
-        """What the simulator in use has of a tool on an object: lift and force; empty where it has nothing."""
+        """Return lift and force that the simulator in use has of a tool on an object; empty where it has nothing."""
         campaign = at_present(read_campaign(self._lake, campaign_id))
         tool = next((tool for tool in campaign.state().tools if tool.tool_id == tool_id), None)
         if tool is None:
@@ -237,7 +237,7 @@ class NowReader:
         return {"lift_mm": [], "force_n": []}
 
     def _paces(self, campaign_id: str) -> tuple[float | None, float | None]:
-        """Seconds from grasp to grasp, and per simulated grasp, of the last ones."""
+        """Compute seconds from grasp to grasp, and per simulated grasp, of the last ones."""
         grasps = self._lake.query(
             _LAST_TIMES.format(table="grasps", where="campaign_id = $campaign", n=_PACE_OF), {"campaign": campaign_id}
         )["at"].to_pylist()
@@ -247,7 +247,7 @@ class NowReader:
         return _mean_gap_s(grasps), _mean_gap_s(simulations)
 
     def _find_tool(self, campaign: Campaign, state: CampaignState) -> str:
-        """The tool in view: that of the last grasp, or the first that is printed and not done."""
+        """Find the tool in view: that of the last grasp, or the first that is printed and not done."""
         last = self._lake.query(_LAST_GRASPS, {"campaign": campaign.campaign_id, "n": 1}).to_pylist()
         if last:
             return str(last[0]["tool_id"])
@@ -317,7 +317,7 @@ class NowReader:
         )
 
     def _picture(self, grasp_id: str) -> str:
-        """A trace as points of an SVG line, 100 wide and 40 high; empty without samples."""
+        """Draw a trace as points of an SVG line, 100 wide and 40 high; empty without samples."""
         if grasp_id in self._pictures:
             return self._pictures[grasp_id]
         try:
@@ -331,7 +331,7 @@ class NowReader:
 
 
 def thin(lift_mm: np.ndarray, force_n: np.ndarray, n: int) -> tuple[list[float], list[float]]:
-    """About `n` samples of a trace over lift that keep its shape: in each step of samples the smallest and largest."""
+    """Thin a trace over lift to about `n` samples that keep its shape: each step of samples' smallest and largest."""
     lift = np.maximum.accumulate(np.nan_to_num(np.asarray(lift_mm, dtype=float)))
     force = np.asarray(force_n, dtype=float)
     if len(force) > n:
@@ -343,7 +343,7 @@ def thin(lift_mm: np.ndarray, force_n: np.ndarray, n: int) -> tuple[list[float],
 
 
 def draw_points(lift_mm: np.ndarray, force_n: np.ndarray) -> str:
-    """A trace as points of an SVG line in a box of 100 by 40."""
+    """Draw a trace as points of an SVG line in a box of 100 by 40."""
     if not len(force_n):
         return ""
     lift, force = thin(lift_mm, force_n, _TILE_POINTS)
@@ -354,7 +354,7 @@ def draw_points(lift_mm: np.ndarray, force_n: np.ndarray) -> str:
 
 
 def draw_path(design: Design | None) -> str:
-    """The profile of a finger as an SVG path; empty for one that has none."""
+    """Draw the profile of a finger as an SVG path; empty for one that has none."""
     if design is None:
         return ""
     try:
@@ -364,7 +364,7 @@ def draw_path(design: Design | None) -> str:
 
 
 def _mean_gap_s(times: Sequence[float]) -> float | None:
-    """Mean time between things that ended one after the other, newest first, without breaks."""
+    """Compute the mean time between things that ended one after the other, newest first, without breaks."""
     gaps = [later - earlier for later, earlier in zip(times, times[1:], strict=False)]
     known = [gap for gap in gaps if 0 <= gap <= LONGEST_GAP_S]
     return statistics.fmean(known) if known else None
@@ -381,7 +381,7 @@ def _say_need(seen: Forecast, now: datetime) -> str:
 def _say_left(
     campaign: Campaign, left: Sequence[StageLeft], s_per_grasp: float | None, s_per_simulation: float | None
 ) -> str:
-    """How long the rest of the schedule takes at the pace of the last grasps, prints left aside."""
+    """Say how long the rest of the schedule takes at the pace of the last grasps, prints left aside."""
     total_s = 0.0
     for stage in left:
         for n, each_s in ((stage.grasps, s_per_grasp), (stage.simulated, s_per_simulation)):
@@ -408,7 +408,7 @@ def _is_owed(campaign: Campaign, state: CampaignState, batch: int) -> bool:
 
 
 def _place_ticks(campaign: Campaign, load: Workload) -> tuple[float, ...]:
-    """Where on the bar of grasps a batch begins, which a person prints."""
+    """Find where on the bar of grasps a batch begins, which a person prints."""
     schedule, per_tool = campaign.config.schedule, campaign.config.objects.n_grasps
     total = max(load.grasps_total, 1)
     ticks, made = [], 0
@@ -420,7 +420,7 @@ def _place_ticks(campaign: Campaign, load: Workload) -> tuple[float, ...]:
 
 
 def _map_places(campaign: Campaign, state: CampaignState, tool_id: str) -> list[Place]:
-    """The 36 places, with how far the tool in view is on each."""
+    """Map the 36 places, with how far the tool in view is on each."""
     layout = campaign.config.objects.stand_on(BenchLayout())
     cells, done = campaign.config.objects.list_grasps(0), state.measured.get(tool_id, set())
     own = {place: object_id for object_id, place in layout.own_objects}
@@ -441,7 +441,7 @@ def _map_places(campaign: Campaign, state: CampaignState, tool_id: str) -> list[
 
 
 def _map_slots(campaign: Campaign, state: CampaignState, tool_id: str) -> list[Slot]:
-    """The ten slots of the rack, with the tools of the batch that hangs there."""
+    """Map the ten slots of the rack, with the tools of the batch that hangs there."""
     batch = next((tool.batch for tool in state.tools if tool.tool_id == tool_id), None)
     stage = find_stage(campaign, state)
     waiting = [b for b in campaign.config.schedule.batches_of(stage) if state.tools_of(b) and not state.is_confirmed(b)]
@@ -465,7 +465,7 @@ def _map_slots(campaign: Campaign, state: CampaignState, tool_id: str) -> list[S
 
 
 def _list_parts(campaign: Campaign, state: CampaignState, batch: int) -> list[Part]:
-    """What of the batch at the bench can be left out: its tools, its objects, and all that is left of it."""
+    """List what of the batch at the bench can be left out: its tools, its objects, and all that is left of it."""
     plan, limit = campaign.config.objects.list_grasps(0), campaign.config.max_grasp_attempts
     owed = {tool.slot: state.missing_grasps(tool, plan, limit) for tool in state.tools_of(batch)}
     slots = [slot for slot, cells in owed.items() if cells]

@@ -53,7 +53,7 @@ def write_proposal(lake: Lake, proposal: Proposal) -> str:
 
 
 def list_open(lake: Lake) -> dict[str, Proposal]:
-    """Proposals of which nobody has said anything, by id, the oldest first."""
+    """List proposals of which nobody has said anything, by id, the oldest first."""
     settled = {row.payload["proposal"] for row in lake.records(EventRow, kind=SETTLED)}
     rows = [row.payload for row in lake.records(EventRow, kind=PROPOSED)]
     found = [Proposal.model_validate({k: v for k, v in row.items() if k != "proposal"}) for row in rows]

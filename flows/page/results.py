@@ -108,7 +108,7 @@ class SqlResult:
 
 
 def list_campaign_summaries(lake: Lake) -> list[CampaignSummary]:
-    """Campaigns of the lake, the newest first."""
+    """List campaigns of the lake, the newest first."""
     lines = []
     for row in lake.query(_CAMPAIGNS).to_pylist():
         name = row["campaign_id"]
@@ -120,7 +120,7 @@ def list_campaign_summaries(lake: Lake) -> list[CampaignSummary]:
 
 
 def list_calibrations(lake: Lake) -> list[dict[str, Any]]:
-    """Calibrations of the lake, the newest first, with the address of their report."""
+    """List calibrations of the lake, the newest first, with the address of their report."""
     rows = lake.query(_CALIBRATIONS).to_pylist()
     folder = lake.root / "outputs"
     return [
@@ -129,7 +129,7 @@ def list_calibrations(lake: Lake) -> list[dict[str, Any]]:
 
 
 def list_searches(lake: Lake) -> list[tuple[GapRun, str]]:
-    """Finished searches of the lake, the newest first, with the address of their page."""
+    """List finished searches of the lake, the newest first, with the address of their page."""
     rows = lake.records(EventRow, kind=KIND)
     runs = [GapRun.model_validate_json(row.payload_json) for row in rows]
     folder = lake.root / "outputs"
@@ -137,12 +137,12 @@ def list_searches(lake: Lake) -> list[tuple[GapRun, str]]:
 
 
 def list_tools(lake: Lake) -> list[dict[str, Any]]:
-    """Measured tools of the lake, best first."""
+    """List measured tools of the lake, best first."""
     return lake.query(_TOOLS).to_pylist()
 
 
 def read_tool(lake: Lake, tool_id: str) -> ToolPage:
-    """A tool with all its traces.
+    """Read a tool with all its traces.
 
     Raises:
         UsageError: the lake has no grasps of it.
@@ -184,7 +184,7 @@ def read_tool(lake: Lake, tool_id: str) -> ToolPage:
 
 
 def compare_tools(lake: Lake, tool_ids: Sequence[str]) -> list[tuple[str, list[dict[str, Any]]]]:
-    """Traces of several tools laid over each other, by object: the first repeat of each.
+    """Compare traces of several tools laid over each other, by object: the first repeat of each.
 
     Raises:
         UsageError: there are none.
@@ -203,7 +203,7 @@ def compare_tools(lake: Lake, tool_ids: Sequence[str]) -> list[tuple[str, list[d
 
 
 def find_tool_of(lake: Lake, grasp_id: str) -> str:
-    """The tool of a grasp.
+    """Find the tool of a grasp.
 
     Raises:
         UsageError: there is no such grasp.
@@ -215,7 +215,7 @@ def find_tool_of(lake: Lake, grasp_id: str) -> str:
 
 
 def query_sql(lake: Lake, sql: str, to_field: Callable[[object], object] | None = None) -> SqlResult:
-    """The answer to a question, as far as a page shows it; `to_field` makes a value of it, by default for a person.
+    """Return the result of a question, as far as a page shows it; `to_field` makes a value, by default for a person.
 
     Raises:
         FastError: it is not one reading statement, or over the limits.
@@ -227,7 +227,7 @@ def query_sql(lake: Lake, sql: str, to_field: Callable[[object], object] | None 
 
 
 def read_notes(lake: Lake, about: str) -> list[dict[str, Any]]:
-    """Notes and photos that people left on a tool, in order; `about` is its id."""
+    """Read notes and photos that people left on a tool, in order; `about` is its id."""
     sql = """
         SELECT message, payload_json ->> '$.operator' AS operator, payload_json ->> '$.photo' AS photo, created_at
         FROM events WHERE kind = 'note' AND payload_json ->> '$.about' = $about ORDER BY created_at
@@ -236,7 +236,7 @@ def read_notes(lake: Lake, about: str) -> list[dict[str, Any]]:
 
 
 def _find_simulated(lake: Lake, campaign_id: str, tool_id: str) -> dict[int, dict[str, Any]]:
-    """What the campaign's simulator in use has of a tool, by object."""
+    """Find what the campaign's simulator in use has of a tool, by object."""
     try:
         campaign = at_present(read_campaign(lake, campaign_id))
         versions = list(campaign.force_ratios(campaign.version))
@@ -270,13 +270,13 @@ def _plain(value: object) -> object:
 
 
 def for_programs(value: object) -> object:
-    """A value as a program takes it; long lists are cut, as for a person."""
+    """Return a value as a program takes it; long lists are cut, as for a person."""
     told = exact(value)
     return _plain(told) if isinstance(told, list | dict) else told
 
 
 def _find_points(table: pa.Table) -> dict[str, Any] | None:
-    """The first two columns of numbers, without rows where either is missing."""
+    """Find the first two columns of numbers, without rows where either is missing."""
     numbers = [
         name for name, kind in zip(table.column_names, table.schema.types, strict=True)
         if pa.types.is_floating(kind) or pa.types.is_integer(kind)

@@ -24,7 +24,7 @@ Read = Callable[[LabPage, Request], dict[str, Any]]
 
 
 def add_shown(app: FastAPI, page: LabPage) -> None:
-    """All that is only looked at."""
+    """Add all that is only looked at."""
 
     async def give_csv(request: Request) -> Response:
         table = await run_in_threadpool(run_sql, page.lake, request.query_params.get("q", ""), results.LIMITS)
@@ -128,7 +128,7 @@ def _read_bench(page: LabPage, _: Request) -> dict[str, Any]:
 
 
 def _read_nothing(page: LabPage, _: Request) -> dict[str, Any]:
-    """What stands around every tab is all."""
+    """Read nothing: what stands around every tab is all."""
     return {}
 
 

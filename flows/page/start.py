@@ -62,7 +62,7 @@ class Checked:
 
 
 def check_config(lake: Lake, text: str, base: str) -> Checked:
-    """What is wrong with a config, by line, or what it would be. `base`: the config that it was made of."""
+    """Check a config: what is wrong with it, by line, or what it would be. `base`: the config that it was made of."""
     if len(text) > _LONGEST_CONFIG:
         return Checked(text[:_LONGEST_CONFIG], (Fault(None, f"more than {_LONGEST_CONFIG} letters are no config."),))
     path = keep_config(lake, text, base, f".check-{os.getpid()}")
@@ -119,7 +119,7 @@ def continue_campaign(lake: Lake, campaign_id: str, seen_run: str, operator: str
 
 
 def find_start(lake: Lake, campaign_id: str, seen_run: str) -> LastStart:
-    """How a campaign that has ended early was started, and can be again; errors as of `continue_campaign`."""
+    """Find how a campaign that ended early was started, and can be again; errors as of `continue_campaign`."""
     strip = read_strip(lake, campaign_id, False, False)
     start = read_last_start(lake, campaign_id)
     if not strip.may_continue or start is None:
@@ -171,7 +171,7 @@ def start_job(lake: Lake, job: str, campaign_id: str, operator: str) -> str:
 
 
 def simulate_one(lake_address: str, tool_id: str, object_id: int) -> dict[str, Any]:
-    """One grasp of a tool of the lake, or of the best published finger, with its picture; in a worker process.
+    """Simulate one grasp of a tool of the lake, or of the best published finger, with its picture; in a worker process.
 
     Raises:
         FastError: there is no such tool, or the solver gave up.
@@ -231,7 +231,7 @@ def simulate_one(lake_address: str, tool_id: str, object_id: int) -> dict[str, A
 
 
 def _find_line(text: str, sentence: str) -> int | None:
-    """The line that a fault is about: as TOML says it, or of the key that is named first."""
+    """Find the line that a fault is about: as TOML says it, or of the key that is named first."""
     if found := re.search(r"at line (\d+)", sentence):
         return int(found[1])
     for key in re.findall(r"`?([a-z_]+(?:\.[a-z_0-9]+)*)`?", sentence):

@@ -60,7 +60,7 @@ class LastStart:
 
 
 def read_strip(lake: Lake, campaign_id: str, is_complete: bool, is_waiting: bool) -> Strip:
-    """What the strip shows; `is_waiting`: a person is asked for something and nothing else can go on at the bench."""
+    """Read what the strip shows; `is_waiting`: a person is asked for something and the bench can do nothing else."""
     present = read_present_run(lake, campaign_id)
     if present.holder is not None:
         verb = present.verb
@@ -87,7 +87,7 @@ def read_strip(lake: Lake, campaign_id: str, is_complete: bool, is_waiting: bool
 
 
 def read_last_start(lake: Lake, campaign_id: str) -> LastStart | None:
-    """How the last run of a campaign was started, if one was."""
+    """Read how the last run of a campaign was started, if one was."""
     rows: list[dict[str, Any]] = lake.query(_LAST_START, {"campaign": campaign_id}).to_pylist()
     if not rows:
         return None

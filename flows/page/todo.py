@@ -103,14 +103,14 @@ Todo = BenchTodo | PrintTodo | MountTodo | ReadingTodo | ToldTodo
 
 
 def list_campaigns(lake: Lake) -> list[str]:
-    """Campaigns that can be asked for something, newest first; imported ones ask for nothing."""
+    """List campaigns that can be asked for something, newest first; imported ones ask for nothing."""
     rows = lake.rows(CampaignRow)
     names = [row["campaign_id"] for row in rows if not is_imported(row["config_toml"])]
     return list(dict.fromkeys(reversed(names)))
 
 
 def read_todos(lake: Lake) -> list[Todo]:
-    """What is asked for now, in all campaigns of the lake; a campaign that cannot be read asks for nothing."""
+    """Read what is asked for now, in all campaigns of the lake; one that cannot be read asks for nothing."""
     todos: list[Todo] = []
     for campaign_id in list_campaigns(lake):
         try:
@@ -164,7 +164,7 @@ def _told(campaign: Campaign, batch: int | None, n_left: int, folder: Path) -> T
 
 
 def _of_search(lake: Lake, campaign: Campaign | None, state: CampaignState | None) -> list[Todo]:
-    """What the newest search of a campaign, or of the whole lake, asks for."""
+    """List what the newest search of a campaign, or of the whole lake, asks for."""
     campaign_id = campaign.campaign_id if campaign is not None else None
     run = find_newest_run(lake, campaign_id)
     asked = run.findings.next_experiment if run is not None else None
@@ -191,6 +191,6 @@ def _of_search(lake: Lake, campaign: Campaign | None, state: CampaignState | Non
 
 
 def below_outputs(lake: Lake, path: Path) -> str:
-    """A file of the lake's outputs as an address of the page; empty where it is not there."""
+    """Return a file of the lake's outputs as an address of the page; empty where it is not there."""
     outputs = lake.root / "outputs"
     return f"/outputs/{path.relative_to(outputs).as_posix()}" if path.exists() else ""

@@ -49,20 +49,20 @@ class Visitor:
 
 
 def visitor_of(request: Request) -> Visitor:
-    """Who asks, from what the gate found and the browser keeps."""
+    """Return who asks, from what the gate found and the browser keeps."""
     role = Role(request.scope.get(ROLE, Role.LOOK))
     name = unquote(request.cookies.get(name_cookie(request), ""))
     return Visitor(role, clean_name(name))
 
 
 def clean_name(text: str) -> str:
-    """A person's name on one line, cut to `LONGEST_NAME` letters."""
+    """Clean a person's name: put it on one line, cut to `LONGEST_NAME` letters."""
     printable = "".join(letter for letter in text if letter.isprintable())
     return " ".join(printable.split())[:LONGEST_NAME]
 
 
 def name_cookie(request: Request) -> str:
-    """Name of the cookie with the person's name: browsers share cookies among the ports of a machine."""
+    """Name the cookie with the person's name: browsers share cookies among the ports of a machine."""
     return f"fast-name-{(request.scope.get('server') or ('', 0))[1]}"
 
 
@@ -72,12 +72,12 @@ def keep_name(request: Request, response: Response, name: str) -> None:
 
 
 def make_token(login: str) -> str:
-    """What a write carries besides the cookie: the page tells it to those whom the gate lets in."""
+    """Make what a write carries besides the cookie: the page tells it to those whom the gate lets in."""
     return hmac.new(login.encode(), b"write", hashlib.sha256).hexdigest()[:32]
 
 
 def require_write(request: Request, token: str, role: Role) -> Visitor:
-    """Who writes.
+    """Return who writes.
 
     Raises:
         NotAllowedError: the token is missing or old, the link allows less, or nobody said a name.
@@ -93,7 +93,7 @@ def require_write(request: Request, token: str, role: Role) -> Visitor:
 
 
 def require_token(request: Request, token: str) -> None:
-    """Raises NotAllowedError: the request does not carry what the page tells those whom the gate lets in."""
+    """Raise NotAllowedError: the request does not carry what the page tells those whom the gate lets in."""
     if not hmac.compare_digest(request.headers.get(TOKEN_HEADER, "").encode(), token.encode()):
         raise NotAllowedError(
             "This page is of an earlier server, or of a stranger; nothing was changed: load it again."
@@ -101,7 +101,7 @@ def require_token(request: Request, token: str) -> None:
 
 
 async def read_body(request: Request, most_bytes: int) -> bytes:
-    """The body of a request.
+    """Read the body of a request.
 
     Raises:
         UsageError: it is larger; the rest was not read.
@@ -120,7 +120,7 @@ async def read_body(request: Request, most_bytes: int) -> bytes:
 
 
 async def read_form(request: Request) -> dict[str, str]:
-    """The fields of a form, without those that are empty.
+    """Read the fields of a form, without those that are empty.
 
     Raises:
         UsageError: too many, or no text.
@@ -139,7 +139,7 @@ class Pages:
     token: str
 
     def show(self, request: Request, template: str, **values: Any) -> HTMLResponse:
-        """A page, or a part of one."""
+        """Show a page, or a part of one."""
         text = render(
             f"flows/page/{template}.j2",
             visitor=visitor_of(request),
@@ -153,7 +153,7 @@ class Pages:
 
 
 def write_clock(moment: datetime | None) -> str:
-    """A time of the lab's day, with its zone."""
+    """Write a time of the lab's day, with its zone."""
     return "" if moment is None else moment.astimezone().strftime("%H:%M %Z")
 
 
@@ -164,13 +164,13 @@ def say(response: Response, sentence: str) -> Response:
 
 
 def refuse(error: FastError) -> Response:
-    """An error as its sentence."""
+    """Return an error as its sentence."""
     status = 403 if isinstance(error, NotAllowedError) else 409
     return PlainTextResponse(str(error), status, HEADERS)
 
 
 async def until_gone(events: AsyncIterator[str]) -> AsyncIterator[str]:
-    """Events until the browser is gone, which Starlette tells by cancelling."""
+    """Yield events until the browser is gone, which Starlette tells by cancelling."""
     try:
         async for event in events:
             yield event

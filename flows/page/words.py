@@ -53,7 +53,7 @@ _PICTURES = {b"\xff\xd8\xff": ".jpg", b"\x89PNG\r\n\x1a\n": ".png", b"RIFF": ".w
 
 
 def add_words(app: FastAPI, page: LabPage) -> None:
-    """Names, orders, answers, told files, and what is started."""
+    """Add names, orders, answers, told files, and what is started."""
 
     async def give_name(request: Request) -> Response:
         require_token(request, page.token)
@@ -101,7 +101,7 @@ def _add_word(app: FastAPI, page: LabPage, path: str, role: Role, word: Word) ->
 
 
 def _add_trial(app: FastAPI, page: LabPage, path: str, template: str, try_out: Trial) -> None:
-    """A form that changes nothing, answered by a part of the page."""
+    """Add a form that changes nothing, answered by a part of the page."""
 
     async def handle(request: Request) -> Response:
         require_token(request, page.token)
@@ -216,14 +216,14 @@ WORDS: Mapping[str, tuple[Role, Word]] = {
 
 
 def _answers() -> ModuleType:
-    """What writes answers: seconds of imports, which whoever only looks does not wait for."""
+    """Import what writes answers: seconds of imports, which whoever only looks does not wait for."""
     from fast.flows.page import answers
 
     return answers
 
 
 def _campaign_of(page: LabPage, form: dict[str, str]) -> str:
-    """The campaign that a form names.
+    """Return the campaign that a form names.
 
     Raises:
         UsageError: the lake has none of that name.

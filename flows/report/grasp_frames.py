@@ -43,7 +43,7 @@ class FingerShape:
 
     @classmethod
     def of(cls, snapshot: Snapshot, side: Side) -> "FingerShape":
-        """The shape of the finger in a snapshot, on a side: of a symmetric grasp only the right one is simulated."""
+        """Make the finger's shape in a snapshot, on a side: of a symmetric grasp only the right one is simulated."""
         is_turned = side != snapshot.side and snapshot.is_half_turned
         mirror = np.array([SIGNS[side], -1.0 if is_turned else 1.0, 1.0])
         section = section_of(snapshot.mesh)
@@ -130,7 +130,7 @@ class GraspFrames:
 
     @classmethod
     def of(cls, recording: GraspRecording) -> "GraspFrames":
-        """The frames of a recording that is not empty."""
+        """Return the frames of a recording that is not empty."""
         return cls({side: _frames(recording.of(side), side) for side in SIDES})
 
     @property
@@ -144,7 +144,7 @@ class GraspFrames:
         return largest_force_n([f for frames in self.frames.values() for f in frames])
 
     def at(self, name: str, time_s: float, trace: Trace) -> Instant:
-        """The instant nearest to a time."""
+        """Return the instant nearest to a time."""
         near = {
             side: min(frames, key=lambda frame: abs(frame.snapshot.time_s - time_s))
             for side, frames in self.frames.items()
@@ -158,13 +158,13 @@ def _frames(snapshots: Sequence[Snapshot], side: Side) -> list[Frame]:
 
 
 def largest_force_n(frames: Sequence[Frame]) -> float:
-    """Largest force on a cell of these fingers; 1 N where none is touched."""
+    """Return the largest force on a cell of these fingers; 1 N where none is touched."""
     forces = (f.forces[1] for f in frames if f.snapshot.pressure.size)
     return max((float(np.linalg.norm(force, axis=1).max()) for force in forces), default=1.0)
 
 
 def five_instants(recording: GraspRecording, trace: Trace) -> list[Instant]:
-    """Touch, half closed, closed, peak, and the last contact of the lift; none of an empty recording."""
+    """Return touch, half closed, closed, peak, and the last contact of the lift; none of an empty recording."""
     if recording.is_empty:
         return []
     snapshots = recording.of("right")
@@ -192,7 +192,7 @@ class Simulated(NamedTuple):
 def simulate_again(
     lake: Lake, design: Design, design_id: str, object_id: int, setup: GraspSetup, along: str | Sequence[str] = ()
 ) -> Simulated | None:
-    """The grasp in the newest version of this program that has simulated it; None where it cannot be simulated.
+    """Simulate the grasp in the newest version of this program that has simulated it; None where it cannot be.
 
     along: parameters that it gets slopes by.
     """
@@ -207,7 +207,7 @@ def simulate_again(
 
 
 def find_newest_version(lake: Lake, design_id: str, object_id: int, setup: GraspSetup) -> SimulatorVersion:
-    """The newest version of which the lake has this grasp, else the default one."""
+    """Find the newest version of which the lake has this grasp, else the default one."""
     keys = {"design_id": design_id, "object_id": object_id, "setup_id": setup.setup_id, "status": "ok"}
     for simulation in reversed(lake.records(SimulationRow, **keys)):
         rows = lake.records(SimulatorVersionRow, version_id=simulation.version_id)

@@ -46,7 +46,7 @@ def write_labs_report(lake: Lake, out: Path) -> tuple[Path, LabsSideBySide]:
 
 
 def format_bias(lab: LabBias) -> str:
-    """`+3.1 % [-0.2, 6.0]`, or the mean alone where the interval is not known."""
+    """Return `+3.1 % [-0.2, 6.0]`, or the mean alone where the interval is not known."""
     bias = lab.bias
     if not np.isfinite(bias.mean):
         return _UNKNOWN
@@ -56,7 +56,7 @@ def format_bias(lab: LabBias) -> str:
 
 
 def _save_spreads(name: str, rows: Sequence[dict[str, Any]], folder: Folder) -> dict[str, object]:
-    """Scatter by object or by finger: rows, also as CSV, and their picture."""
+    """Save the scatter by object or by finger: rows, also as CSV, and their picture."""
     told = ("mean_n", "repeat_sd_n", "lab_sd_n", "reproducibility_sd_n")
     folder.numbers(name, [{"key": r["key"], "n_pairs": r["n_cells"], **{n: r[n] for n in told}} for r in rows])
     return {"rows": rows, "picture": folder.draw(name, _draw_spreads(rows))}

@@ -10,12 +10,12 @@ _LAST, _MORE, _UNDER_LAST, _UNDER_MORE = "└─ ", "├─ ", "   ", "│  "
 
 
 def lineage_text(lineage: Lineage) -> str:
-    """The tree, two lines a row: what it is, and what wrote it."""
+    """Return the tree, two lines a row: what it is, and what wrote it."""
     return "\n".join(_Tree(lineage).lines(lineage.root))
 
 
 def lineage_json(lineage: Lineage) -> dict[str, Any]:
-    """Nodes and edges; a node is named `<table>/<id>`."""
+    """Return nodes and edges; a node is named `<table>/<id>`."""
     return {
         "root": _name(lineage.root),
         "direction": "children" if lineage.is_forward else "parents",
@@ -44,7 +44,7 @@ class _Tree:
             self._groups.setdefault(group.node, []).append(group)
 
     def lines(self, node: Node) -> Iterator[str]:
-        """The lines of a row and of what hangs below it."""
+        """Yield the lines of a row and of what hangs below it."""
         if node in self._drawn:
             yield f"{_label(node)} (above)"
             return
@@ -58,12 +58,12 @@ class _Tree:
             yield from (rest + line for line in entry_lines)
 
     def _next(self, node: Node) -> list[Node]:
-        """Rows beside this one, without those that another of them leads to."""
+        """Return the rows beside this one, without those that another of them leads to."""
         beside = dict.fromkeys(self._beside.get(node, []))
         return [one for one in beside if not any(self._reaches(other, one) for other in beside)]
 
     def _own_groups(self, node: Node) -> list[Group]:
-        """Rows that are only counted, without those that are counted again further on."""
+        """Return rows that are only counted, without those that are counted again further on."""
         beyond = {group[1:2] + group[3:] for far in self._behind(node) - {node} for group in self._groups.get(far, [])}
         return [group for group in self._groups.get(node, []) if group[1:2] + group[3:] not in beyond]
 
@@ -71,7 +71,7 @@ class _Tree:
         return other in self._behind(one) and one not in self._behind(other)
 
     def _behind(self, node: Node) -> set[Node]:
-        """Every row that following on from this one reaches."""
+        """Return every row that following on from this one reaches."""
         if node not in self._reached:
             self._reached[node] = found = set()
             for other in self._beside.get(node, []):
@@ -92,7 +92,7 @@ class _Tree:
             yield f"{indent}superseded: {self._provenance(old)}"
 
     def _provenance(self, row: StoredRow) -> str:
-        """When, by which code, with which config and seed; of samples only the time is known without reading them."""
+        """Tell when, by which code, with which config and seed; samples tell only the time without being read."""
         stored = row.provenance
         words = [f"{stored['created_at']:%Y-%m-%d %H:%M:%S} UTC"]
         if "code_version" in stored:

@@ -45,7 +45,7 @@ class Body:
 def render(
     bodies: Sequence[Body], azimuth_deg: float, elevation_deg: float, height_px: int, width_px: int | None = None
 ) -> np.ndarray:
-    """Orthographic picture of the bodies, as RGBA float32, height x width x 4, background transparent.
+    """Draw an orthographic picture of the bodies: RGBA float32, height x width x 4, background transparent.
 
     `azimuth_deg` turns the eye about z from the -y direction, `elevation_deg` lifts it. The bodies fill the picture
     up to a margin of 3 %.
@@ -73,7 +73,7 @@ def render(
 
 @lru_cache(maxsize=64)
 def object_picture(object_id: int) -> np.ndarray:
-    """Small RGBA picture of a test object, square.
+    """Draw a small RGBA picture of a test object, square.
 
     Raises:
         UsageError: the catalogue has no such object.
@@ -83,7 +83,7 @@ def object_picture(object_id: int) -> np.ndarray:
 
 
 def draw_objects(objects: Sequence[RigidObject]) -> Figure:
-    """Pictures of objects side by side, with name, number and size."""
+    """Draw pictures of objects side by side, with name, number and size."""
     n_columns = min(len(objects), OBJECTS_PER_ROW)
     n_lines = -(-len(objects) // n_columns)
     figure = Figure(figsize=(2.4 * n_columns, 2.7 * n_lines), dpi=DPI, layout="constrained")
@@ -99,14 +99,14 @@ def draw_objects(objects: Sequence[RigidObject]) -> Figure:
 
 
 def _view_rotation(azimuth: float, elevation: float) -> np.ndarray:
-    """Rows: picture right, picture up, towards the eye; for an eye at azimuth from -y, lifted by elevation."""
+    """Return rows: picture right, picture up, towards the eye; for an eye at azimuth from -y, lifted by elevation."""
     eye = np.array([np.sin(azimuth) * np.cos(elevation), -np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])
     right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     return np.array([right, np.cross(eye, right), eye])
 
 
 def _look_at(mesh: trimesh.Trimesh, view: np.ndarray) -> trimesh.Trimesh:
-    """The mesh in view coordinates, its large triangles cut."""
+    """Return the mesh in view coordinates, its large triangles cut."""
     vertices, faces = trimesh.remesh.subdivide_to_size(mesh.vertices @ view.T, mesh.faces, LARGEST_EDGE_MM)
     return trimesh.Trimesh(vertices, faces)  # which merges the corners that triangles share
 
@@ -115,7 +115,7 @@ _Polygons = tuple[np.ndarray, np.ndarray, np.ndarray]  # corners (n, 4, 2) mm, c
 
 
 def _polygons(mesh: trimesh.Trimesh, colour: str, mm_per_px: float) -> list[_Polygons]:
-    """Triangles of a mesh in view coordinates that face the eye, and the lines between them."""
+    """Return the triangles of a mesh in view coordinates that face the eye, and the lines between them."""
     is_facing = mesh.face_normals[:, 2] > 1e-6
     brightness = 0.60 + 0.50 * np.clip(mesh.face_normals[is_facing] @ (LIGHT / np.linalg.norm(LIGHT)), 0.0, 1.0)
     rgb = np.array(to_rgb(colour))
@@ -134,7 +134,7 @@ def _polygons(mesh: trimesh.Trimesh, colour: str, mm_per_px: float) -> list[_Pol
 
 
 def _average_down(image: np.ndarray) -> np.ndarray:
-    """Mean of blocks of pixels, colours unmixed from the transparent background."""
+    """Compute the mean of blocks of pixels, colours unmixed from the transparent background."""
     rows, columns = image.shape[0] // OVERSAMPLING, image.shape[1] // OVERSAMPLING
     image[..., :3] *= image[..., 3:]
     mean = image.reshape(rows, OVERSAMPLING, columns, OVERSAMPLING, 4).mean(axis=(1, 3))

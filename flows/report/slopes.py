@@ -11,20 +11,20 @@ _NAMES = {"young_modulus_mpa": "Young's modulus", "nu": "Poisson's ratio", "pois
 
 
 def peak_changes(slopes: Slopes) -> list[tuple[str, Slope, float]]:
-    """Name, slope and change of the peak in N by the usual change of each parameter, the largest first."""
+    """Return name, slope and change of the peak in N by the usual change of each parameter, the largest first."""
     changes = [(name, slope, slope.peak_n * slope.usual) for name, slope in slopes.by.items()]
     return sorted(changes, key=lambda change: -abs(change[2]))
 
 
 def describe_change(name: str, slope: Slope) -> str:
-    """The usual change of a parameter in words, such as `rib angle + 8 deg`."""
+    """Describe the usual change of a parameter in words, such as `rib angle + 8 deg`."""
     unit = unit_of(name)
     spelled = _NAMES.get(name) or spell_name(name).replace(".", ", ")
     return f"{spelled} + {slope.usual:.3g}{f' {unit}' if unit else ''}"
 
 
 def draw_peak_changes(result: GraspSimulation, title: str) -> Figure:
-    """Bars: by how much the peak changes with the usual change of every parameter; finite differences are hollow."""
+    """Draw bars: by how much the peak changes with each parameter's usual change; finite differences are hollow."""
     rows = [] if result.slopes is None else peak_changes(result.slopes)
     figure = new_figure(WIDTH_IN, 0.9 + 0.24 * max(len(rows), 1))
     axes = figure.subplots()

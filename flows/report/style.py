@@ -71,12 +71,12 @@ def figure_style() -> Iterator[None]:
 
 
 def new_figure(width_in: float = WIDTH_IN, height_in: float = 3.2) -> Figure:
-    """Empty figure of the given size, laid out by constrained layout."""
+    """Make an empty figure of the given size, laid out by constrained layout."""
     return Figure(figsize=(width_in, height_in), layout="constrained")
 
 
 def new_axes(width_in: float = WIDTH_IN, height_in: float = 3.2, grid: str = "y") -> tuple[Figure, Axes]:
-    """Figure with one pair of axes; `grid` is `x`, `y`, `both` or empty for none."""
+    """Make a figure with one pair of axes; `grid` is `x`, `y`, `both` or empty for none."""
     figure = new_figure(width_in, height_in)
     axes = figure.subplots()
     if grid:

@@ -150,7 +150,7 @@ def run_campaigns(
 def _run_each(
     plan: Sequence[PlannedCampaign], progress: Callable[[str], None], n_workers: int
 ) -> Iterable[tuple[PlannedCampaign, StrategyRun]]:
-    """The campaigns as they end."""
+    """Yield the campaigns as they end."""
     if n_workers == 1:
         for planned in plan:
             yield planned, run_campaign(planned, progress)
@@ -215,7 +215,7 @@ class _Runner:
             self._measure(batch)
 
     def search_in_simulation(self) -> None:
-        """All simulations, then one batch of the best."""
+        """Run all simulations, then one batch of the best."""
         initial, last = self._schedule.batches_of(0)[-1], self._schedule.batches_of(1)[0]
         if len(self._campaign.state().simulations) < self._schedule.initial_simulations:
             proposing.propose_initial_simulations(self._campaign)
@@ -226,7 +226,7 @@ class _Runner:
         self._measure(last)
 
     def _simulate(self, batch: int, budget: int, propose_next: Callable[..., None]) -> None:
-        """The proposals that are there, then new ones up to the budget, each knowing all before."""
+        """Simulate the proposals that are there, then new ones up to the budget, each knowing all before."""
         while True:
             state = self._campaign.state()
             proposed = state.simulations_of(batch)
@@ -260,7 +260,7 @@ class _Runner:
 
 
 def read_run(planned: PlannedCampaign, campaign: Campaign) -> StrategyRun:
-    """What the lake of a campaign has by now."""
+    """Read what the lake of a campaign has by now."""
     state = campaign.state()
     tools = rank_tools(campaign.lake, campaign.campaign_id)
     batches = sorted({tool["batch"] for tool in tools})
@@ -276,7 +276,7 @@ def read_run(planned: PlannedCampaign, campaign: Campaign) -> StrategyRun:
 
 
 def toml_of(config: CampaignConfig) -> str:
-    """A config as TOML, a line a section; only what was set, since a default of 70 and a read 70.0 give two ids."""
+    """Write a config as TOML, a line a section; only what was set, as a default of 70 and a read 70.0 give two ids."""
     data = config.model_dump(mode="json", exclude_unset=True)
     return "".join(f"{key} = {_toml(value)}\n" for key, value in data.items())
 
@@ -294,4 +294,4 @@ def _solve(pool: WorkerPool, request: PhysicsRequest) -> GraspSimulation:
 
 
 def _say_nothing(line: str) -> None:
-    """Progress within a campaign, where others run beside it."""
+    """Drop the progress within a campaign, where others run beside it."""

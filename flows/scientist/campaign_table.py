@@ -19,12 +19,12 @@ COLOURS = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#5
 
 
 def campaign_rows(runs: Sequence[StrategyRun]) -> Rows:
-    """One row a strategy, in N: mean of the last batch's tools and their sd, best tool (mean, median, of all)."""
+    """Make one row a strategy, in N: mean of the last batch's tools and their sd, best tool (mean, median, of all)."""
     return [_summary(name, [c for c in runs if c.strategy == name]) for name in _names(runs)]
 
 
 def paired_campaign_rows(runs: Sequence[StrategyRun], baseline: str) -> Rows:
-    """One row for each other strategy: its difference to the reference with the same seeds, positive where better.
+    """Make one row for each other strategy: its difference to the reference with the same seeds, positive where better.
 
     Means with their 95 % interval (Student's t over the seeds; none with fewer than two) and medians.
     """
@@ -50,7 +50,7 @@ def paired_campaign_rows(runs: Sequence[StrategyRun], baseline: str) -> Rows:
 
 
 def _gain(name: str, differences_n: np.ndarray) -> dict[str, Any]:
-    """Mean, 95 % interval and median of paired differences (n) in N."""
+    """Compute mean, 95 % interval and median of paired differences (n) in N."""
     interval = None
     if len(differences_n) > 1 and np.ptp(differences_n) > 0:
         low, high = scipy.stats.ttest_1samp(differences_n, 0.0).confidence_interval(0.95)
@@ -63,7 +63,7 @@ def _gain(name: str, differences_n: np.ndarray) -> dict[str, Any]:
 
 
 def campaigns_figure(runs: Sequence[StrategyRun], baseline: str) -> Figure:
-    """Best tool so far against tools measured, mean over the seeds, and the tools of the last batches."""
+    """Draw the best tool so far against tools measured, mean over the seeds, and the tools of the last batches."""
     names = list(dict.fromkeys([*(n for n in _names(runs) if n == baseline), *_names(runs)]))
     figure = new_figure(9.2, 4.2)
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
@@ -121,7 +121,7 @@ def _last_tools(axes: Axes, runs: list[StrategyRun], row: int, colour: str) -> N
 
 
 def _counts(run: StrategyRun) -> np.ndarray:
-    """Tools measured after each batch."""
+    """Count the tools measured after each batch."""
     return np.cumsum([len(batch) for batch in run.batches_n])
 
 

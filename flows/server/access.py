@@ -27,13 +27,13 @@ class Role(StrEnum):
     MOVE = "move"
 
     def may(self, other: "Role") -> bool:
-        """Whether this one includes another."""
+        """Return whether this one includes another."""
         roles = list(Role)
         return roles.index(self) >= roles.index(other)
 
 
 def role_login(login: str, role: Role) -> str:
-    """The login of a role: that of a server, or one that follows from it and does not tell it."""
+    """Return the login of a role: that of a server, or one that follows from it and does not tell it."""
     if role is Role.MOVE:
         return login
     return f"{USER}:{hmac.new(login.encode(), f'role {role}'.encode(), hashlib.sha256).hexdigest()[:32]}"
@@ -60,7 +60,7 @@ class Api:
 
 
 def own_login(lake_root: Path) -> str:
-    """`user:password` of the server of a lake: FAST_PASSWORD, or the key of the lake, made here if there is none.
+    """Return `user:password` of a lake's server: FAST_PASSWORD, or the key of the lake, made here if there is none.
 
     Raises:
         FastError: the key is another user's.
@@ -69,25 +69,25 @@ def own_login(lake_root: Path) -> str:
 
 
 def key_path(lake_root: Path) -> Path:
-    """Where the key of a lake is."""
+    """Return where the key of a lake is."""
     return lake_root / ".state" / "key"
 
 
 def address_for_person(api: Api) -> str:
-    """Address that lets a browser in, once and for good; without the key where a person chose a password."""
+    """Return the address that lets a browser in, once and for good; without the key where a person chose a password."""
     if not api.login or os.environ.get(PASSWORD_VARIABLE):
         return api.page
     return f"{api.page}/?key={api.login.partition(':')[2]}"
 
 
 def addresses_for_person(api: Api, host: str) -> list[str]:
-    """The same for each address at which a server that listens on `host` is opened from where a person may be."""
+    """Return the same for each address at which a server listening on `host` is opened from where a person may be."""
     ours, loopback = address_for_person(api), f"//{LOOPBACK}:"
     return [ours.replace(loopback, f"//{one}:", 1) for one in list_addresses(host)] if loopback in ours else [ours]
 
 
 def session_of(login: str) -> str:
-    """What a browser that was let in keeps: it follows from the key, and does not tell it."""
+    """Return what a browser that was let in keeps: it follows from the key, and does not tell it."""
     return hmac.new(login.encode(), b"browser", hashlib.sha256).hexdigest()
 
 

@@ -29,7 +29,7 @@ class ChildProcess:
         log_path: Path,
         listeners: Sequence[socket.socket] = (),
     ) -> None:
-        """`listeners`: handed on to every start of the process and kept open in between, closed by `stop`.
+        """Keep `listeners`: handed on to every start of the process and open in between, closed by `stop`.
 
         The process works in an empty folder beside its log, since Prefect reads settings from the working folder; it
         is told where modules of a user's own are.
@@ -66,7 +66,7 @@ class ChildProcess:
         self._started_s, self.since = time.monotonic(), datetime.now(UTC)
 
     def is_alive(self) -> bool:
-        """True while the process runs."""
+        """Return True while the process runs."""
         return self._child is not None and self._child.poll() is None
 
     def restart_if_dead(self) -> bool:
@@ -77,7 +77,7 @@ class ChildProcess:
         return True
 
     def list_children(self) -> list[psutil.Process]:
-        """What the process has started, and still runs."""
+        """List what the process has started, and still runs."""
         try:
             return psutil.Process(self.pid).children() if self.is_alive() else []
         except psutil.NoSuchProcess:

@@ -66,7 +66,7 @@ def end_crashed_runs(
 
 
 def explain_death(run: Run, now: datetime, worker_since: datetime | None = None) -> str | None:
-    """Why a run that the server holds for active is not, in one sentence; None when it may be.
+    """Explain in one sentence why a run that the server holds for active is not; None when it may be.
 
     `worker_since`: start of the only worker; what the one before it was about to start, nobody will.
     """
@@ -87,12 +87,12 @@ def explain_death(run: Run, now: datetime, worker_since: datetime | None = None)
 
 
 def _is_orphaned(since: datetime, worker_since: datetime, now: datetime) -> bool:
-    """Whether the worker that took a run at `since` is gone, and all that it had started with it."""
+    """Return whether the worker that took a run at `since` is gone, and all that it had started with it."""
     return since < worker_since and (now - worker_since).total_seconds() > ORPHAN_LIMIT_S
 
 
 def _flow_names(api: Api) -> dict[str, str]:
-    """Ids and names of the flows that are ours."""
+    """Return ids and names of the flows that are ours."""
     wanted = {"flows": {"name": {"any_": list(OURS)}}}
     return {flow["id"]: flow["name"] for flow in ask_server(api, "/flows/filter", wanted)}
 
@@ -147,7 +147,7 @@ def _continue_campaigns(api: Api, names: dict[str, str]) -> list[str]:
 
 
 def _continue(api: Api, runs: list[Run]) -> str | None:
-    """A new run with the parameters of the last, newest first, if that has crashed."""
+    """Start a new run with the parameters of the last, newest first, if that has crashed."""
     last, now = runs[0], datetime.now(UTC)
     if last["state"]["type"] != "CRASHED" or _time(last["state"]["timestamp"]) < now - FORGOTTEN_AFTER:
         return None
@@ -164,7 +164,7 @@ def _continue(api: Api, runs: list[Run]) -> str | None:
 
 
 def _title(run: Run) -> str:
-    """`run NAME`; names such as `run campaigns/quick.toml` say so themselves."""
+    """Return `run NAME`; names such as `run campaigns/quick.toml` say so themselves."""
     name = str(run["name"])
     return name if name.startswith("run ") else f"run {name}"
 

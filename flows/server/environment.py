@@ -35,18 +35,18 @@ QUIET = {"PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL"}
 
 
 def named_server() -> Api | None:
-    """The server that `FAST_PREFECT_API_URL` names, with its login if one is given."""
+    """Return the server that `FAST_PREFECT_API_URL` names, with its login if one is given."""
     url = os.environ.get(SERVER_VARIABLE)
     return Api(url.rstrip("/"), os.environ.get(LOGIN_VARIABLE)) if url else None
 
 
 def list_ignored(environment: Mapping[str, str] = os.environ) -> list[str]:
-    """Variables for another use of Prefect that are left aside, sorted."""
+    """List the variables for another use of Prefect that are left aside, sorted."""
     return sorted(name for name in environment if name.startswith(PREFIX))
 
 
 def make_environment(api: Api, home: Path, environment: Mapping[str, str] = os.environ) -> dict[str, str]:
-    """Variables of a process of FAST that talks to a server; `home`: folder of Prefect's own state."""
+    """Make the variables of a process of FAST that talks to a server; `home`: folder of Prefect's own state."""
     kept = {name: value for name, value in environment.items() if not name.startswith(PREFIX)}
     settle(kept)
     kept |= {**OFFLINE, **PATIENT, "PREFECT_HOME": str(home.resolve())}

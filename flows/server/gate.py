@@ -50,7 +50,7 @@ ROLE = "fast.role"  # key of the scope
 
 
 def add_gate(app: App, login: str, host: str, roles: Iterable[Role] = (Role.MOVE,)) -> App:
-    """An application behind the three rules. `login`: `user:password`; `host`: the address the server listens on.
+    """Put an application behind the three rules. `login`: `user:password`; `host`: the address the server listens on.
 
     `roles`: whom the server lets in; the login itself is that of `Role.MOVE`.
     """
@@ -80,7 +80,7 @@ def add_gate(app: App, login: str, host: str, roles: Iterable[Role] = (Role.MOVE
 
 
 def _extras(scope: Scope, headers: dict[str, str], login: str) -> list[tuple[bytes, bytes]]:
-    """Headers of an answer: no page of others shows ours in a frame; a browser that gave a password gets its cookie."""
+    """Return an answer's headers: no page of others frames ours; a browser that gave a password gets its cookie."""
     extras = [(b"x-frame-options", b"SAMEORIGIN")]
     if scope["type"] == "http" and "authorization" in headers and "text/html" in headers.get("accept", ""):
         extras.append((b"set-cookie", _make_cookie(scope, login).encode()))
@@ -101,12 +101,12 @@ def _make_cookie(scope: Scope, login: str) -> str:
 
 
 def cookie_name(scope: Scope) -> str:
-    """Name of the cookie: browsers share cookies among the ports of a machine, so that the port is in it."""
+    """Return the name of the cookie: browsers share cookies among a machine's ports, so that the port is in it."""
     return f"fast-{(scope.get('server') or ('', 0))[1]}"
 
 
 def _own_names(host: str) -> frozenset[str]:
-    """Names by which this machine may be asked; where others reach the server, its addresses are allowed besides."""
+    """Return the names by which this machine may be asked; where others reach the server, also its addresses."""
     named = {*LOOPBACK_NAMES, *os.environ.get(NAMES_VARIABLE, "").lower().split()}
     if ipaddress.ip_address(host).is_loopback:
         return frozenset({*named, host})
@@ -119,7 +119,7 @@ def _read_headers(scope: Scope) -> dict[str, str]:
 
 
 def find_fault(headers: dict[str, str], names: frozenset[str]) -> str | None:
-    """What makes a request a stranger's, in a sentence."""
+    """Find what makes a request a stranger's, in a sentence."""
     host = headers.get("host", "")
     if not _is_own(host, names):
         return (
@@ -148,7 +148,7 @@ def _is_own(host: str, names: frozenset[str]) -> bool:
 
 
 def _knows(headers: dict[str, str], login: str, cookie: str) -> bool:
-    """Whether the request carries the login, or the cookie that follows from it."""
+    """Return whether the request carries the login, or the cookie that follows from it."""
     kind, _, code = headers.get("authorization", "").partition(" ")
     if kind == "Basic":
         try:
@@ -163,7 +163,7 @@ def _knows(headers: dict[str, str], login: str, cookie: str) -> bool:
 
 
 def _find_key(scope: Scope, logins: Iterable[str]) -> str | None:
-    """The login whose key the address ends with."""
+    """Find the login whose key the address ends with."""
     given = dict(parse_qsl(scope["query_string"].decode("latin-1"))).get("key", "")
     return next((one for one in logins if hmac.compare_digest(f"{USER}:{given}".encode(), one.encode())), None)
 

@@ -138,7 +138,7 @@ class Lab:
             stop_server(self._lake.root, self._server)
 
     def find_runs(self) -> list[psutil.Process]:
-        """Processes of the runs that the worker, or one that died before it, has begun and that go on."""
+        """Find the processes of the runs that the worker, or one that died before it, has begun and that go on."""
         self._runs = [run for run in {*self._runs, *self._worker.list_children()} if run.is_running()]
         return self._runs
 
@@ -167,7 +167,7 @@ class Lab:
 
 
 def refuse_second(lake_root: Path) -> None:
-    """Raises FastError: a server of this lake runs already."""
+    """Raise FastError if a server of this lake runs already."""
     server = find_server(lake_root)
     if server is not None:
         address = address_for_person(find_page(lake_root) or server)
@@ -178,7 +178,7 @@ def refuse_second(lake_root: Path) -> None:
 
 @contextmanager
 def open_lab(lake: Lake, plan: LabPlan) -> Iterator[Lab]:
-    """A lab that stands as long as the `with` block lasts."""
+    """Open a lab that stands as long as the `with` block lasts."""
     lab = Lab(lake, plan)
     try:
         yield lab

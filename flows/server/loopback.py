@@ -14,7 +14,7 @@ _EVERYWHERE = "0.0.0.0"
 
 
 def open_listeners(host: str, port: int, backlog: int) -> list[socket.socket]:
-    """Sockets that listen on a port of an address, and of loopback: programs of this machine ask there.
+    """Open sockets that listen on a port of an address, and of loopback: programs of this machine ask there.
 
     Raises:
         OSError: the port is taken, or the address is not of this machine.
@@ -30,7 +30,7 @@ def open_listeners(host: str, port: int, backlog: int) -> list[socket.socket]:
 
 
 def list_addresses(host: str) -> list[str]:
-    """Addresses at which a person opens what listens on `host`: for 0.0.0.0 those that this machine has in networks."""
+    """List where a person opens what listens on `host`: for 0.0.0.0 the addresses this machine has in networks."""
     if host != _EVERYWHERE:
         return [host]
     import psutil  # a hundredth of a second that other commands do not need
@@ -40,12 +40,12 @@ def list_addresses(host: str) -> list[str]:
 
 
 def join_numbers(listeners: Iterable[socket.socket]) -> str:
-    """The numbers of listening sockets as an argument of the process that gets them; see `split_numbers`."""
+    """Join the numbers of listening sockets as an argument of the process that gets them; see `split_numbers`."""
     return ",".join(str(listener.fileno()) for listener in listeners)
 
 
 def split_numbers(numbers: str) -> list[socket.socket]:
-    """The listening sockets that the parent of this process handed on."""
+    """Return the listening sockets that the parent of this process handed on."""
     return [socket.socket(fileno=int(number)) for number in numbers.split(",")]
 
 

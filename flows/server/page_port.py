@@ -76,7 +76,7 @@ class PageServer:
 
 @contextmanager
 def serve_page(lake: Lake, port: int | None = None, host: str = LOOPBACK) -> Iterator[Api]:
-    """The page of a lake: the one that another command of this machine serves, or a new one on its port.
+    """Yield the page of a lake: the one that another command of this machine serves, or a new one on its port.
 
     `port`: None is 4210, or a free one where that is taken.
 
@@ -95,7 +95,7 @@ def serve_page(lake: Lake, port: int | None = None, host: str = LOOPBACK) -> Ite
 
 
 def listen(port: int | None, host: str = LOOPBACK) -> list[socket.socket]:
-    """Listening sockets; `port`: None is 4210, or a free one where that is taken, 0 a free one.
+    """Return listening sockets; `port`: None is 4210, or a free one where that is taken, 0 a free one.
 
     Raises:
         UsageError: the port is taken.
@@ -111,7 +111,7 @@ def listen(port: int | None, host: str = LOOPBACK) -> list[socket.socket]:
 
 
 def find_page(lake_root: Path) -> Api | None:
-    """The page that a process of this machine serves for this lake."""
+    """Find the page that a process of this machine serves for this lake."""
     return read_address(_address_file(lake_root), lake_root)
 
 

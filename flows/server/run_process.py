@@ -37,12 +37,12 @@ class RunningProcess:
 
     @classmethod
     def own(cls) -> "RunningProcess":
-        """This one."""
+        """Return this process."""
         return cls(socket.gethostname(), os.getpid(), int(psutil.Process().create_time()))
 
     @classmethod
     def of_tags(cls, tags: list[str]) -> "RunningProcess | None":
-        """The process that the tags of a flow run name; the last one, if it was continued."""
+        """Return the process that the tags of a flow run name; the last one, if it was continued."""
         found = [match for tag in tags if (match := _TAG.fullmatch(tag))]
         return cls(found[-1]["host"], int(found[-1]["pid"]), int(found[-1]["started_s"])) if found else None
 
@@ -57,12 +57,12 @@ class RunningProcess:
         return self.host == socket.gethostname()
 
     def is_alive(self) -> bool:
-        """True while it runs here."""
+        """Return True while it runs here."""
         return is_process_alive(self.pid, self.started_s)
 
 
 def is_process_alive(pid: int, started_s: int | None = None) -> bool:
-    """True while a process with this id, and start if given, runs on this machine and is no zombie."""
+    """Return True while a process with this id, and start if given, runs on this machine and is no zombie."""
     try:
         process = psutil.Process(pid)
         is_it = started_s is None or abs(process.create_time() - started_s) <= _SAME_START_S
@@ -74,7 +74,7 @@ def is_process_alive(pid: int, started_s: int | None = None) -> bool:
 
 
 def _drop_output(console: "Console") -> None:
-    """What the run says goes nowhere when its worker, which reads it, is gone; rich would end it in the midst."""
+    """Drop what the run says when its worker, which reads it, is gone; rich would end it in the midst."""
     for stream in (sys.stdout, sys.stderr):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 

@@ -50,12 +50,12 @@ ROUNDS = {
 
 
 def state_folder(lake_root: Path) -> Path:
-    """Where Prefect's own database for this lake lives; it can be deleted without losing data."""
+    """Return where Prefect's own database for this lake lives; it can be deleted without losing data."""
     return lake_root / ".state" / "prefect"
 
 
 def address_for_others(lake: Lake) -> str:
-    """Address of a lake for processes with another working folder."""
+    """Return the address of a lake for processes with another working folder."""
     return str(lake.root.resolve()) if Path(lake.address) == lake.root else lake.address
 
 
@@ -65,7 +65,7 @@ def configure_client(api: Api, lake_root: Path) -> None:
 
 
 def ask_server(api: Api, path: str, body: Any = None, timeout_s: float = 10.0, method: str | None = None) -> Any:
-    """Answer of the server to a GET, or to a POST of `body`, without the cost of importing Prefect.
+    """Return the server's answer to a GET, or to a POST of `body`, without the cost of importing Prefect.
 
     `method`: another one, such as PATCH.
 
@@ -90,7 +90,7 @@ def ask_server(api: Api, path: str, body: Any = None, timeout_s: float = 10.0, m
 
 @contextmanager
 def server(lake_root: Path, port: int | None = None) -> Iterator[Api]:
-    """A server: the one that FAST_PREFECT_API_URL names, one that serves this lake already, or a new one.
+    """Yield a server: the one that FAST_PREFECT_API_URL names, one that serves this lake already, or a new one.
 
     A new server is started again when it dies, stopped on exit, and stops by itself when this process dies.
 
@@ -122,7 +122,7 @@ def server(lake_root: Path, port: int | None = None) -> Iterator[Api]:
 
 @contextmanager
 def in_turn(lake_root: Path) -> Iterator[None]:
-    """Within, no other process looks for a server of this lake or starts one: two would make one database at once.
+    """Keep other processes from looking for a server of this lake or starting one: two would make one database at once.
 
     Where there are no locks, nobody waits.
     """
@@ -142,7 +142,7 @@ def _keep_alive(lake_root: Path, process: ChildProcess, is_over: threading.Event
 
 
 def reach_named_server() -> Api | None:
-    """The server that FAST_PREFECT_API_URL names, if it names one.
+    """Return the server that FAST_PREFECT_API_URL names, if it names one.
 
     Raises:
         UsageError: it does not answer, or does not let us in.
@@ -157,7 +157,7 @@ def reach_named_server() -> Api | None:
 
 
 def report_ignored() -> str | None:
-    """The sentence about settings for another Prefect, if there are any."""
+    """Return the sentence about settings for another Prefect, if there are any."""
     ignored = list_ignored()
     if not ignored:
         return None
@@ -168,18 +168,18 @@ def report_ignored() -> str | None:
 
 
 def find_server(lake_root: Path) -> Api | None:
-    """A server that already serves this lake, if it answers."""
+    """Find a server that already serves this lake, if it answers."""
     api = read_address(_address_file(lake_root), lake_root)
     return api if api is not None and is_healthy(api) else None
 
 
 def find_any_server(lake: Lake) -> Api | None:
-    """The server that is named, or one that already serves this lake."""
+    """Find the server that is named, or one that already serves this lake."""
     return named_server() or find_server(lake.root)
 
 
 def read_address(file: Path, lake_root: Path) -> Api | None:
-    """What a living process of this machine has written of its server; None where there is none.
+    """Read what a living process of this machine has written of its server; None where there is none.
 
     A server whose owner is dead may still answer, but follows it within a second.
     """
@@ -193,7 +193,7 @@ def read_address(file: Path, lake_root: Path) -> Api | None:
 
 
 def is_healthy(api: Api) -> bool:
-    """True when the server answers its health check, and lets us in."""
+    """Return True when the server answers its health check, and lets us in."""
     try:
         return ask_server(api, "/health", timeout_s=2) is True
     except (OSError, ValueError, urllib.error.URLError):
@@ -262,7 +262,7 @@ def stop_server(lake_root: Path, process: ChildProcess) -> None:
 
 
 def get_api(process: ChildProcess) -> Api:
-    """Address and login of a server of ours, for processes of this machine."""
+    """Return address and login of a server of ours, for processes of this machine."""
     return Api(process.environment["PREFECT_API_URL"], process.environment["PREFECT_API_AUTH_STRING"])
 
 

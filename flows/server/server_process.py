@@ -23,7 +23,7 @@ LOGIN_VARIABLE = "FAST_SERVER_LOGIN"  # what the parent tells this process, whic
 
 
 def add_outputs(pages: App, folder: Path) -> App:
-    """Prefect's application with reports and recordings of the lake under `/outputs/`."""
+    """Return Prefect's application with reports and recordings of the lake under `/outputs/`."""
     from starlette.applications import Starlette
     from starlette.routing import Mount
     from starlette.staticfiles import StaticFiles

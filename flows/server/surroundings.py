@@ -33,7 +33,7 @@ for name, value in json.load(sys.stdin).items():
 
 
 def check_surroundings() -> None:
-    """Raises UsageError: a limit of this process, its loopback, or a setting `FAST_PREFECT_...` is of no use."""
+    """Raise UsageError where a limit of this process, its loopback or a setting `FAST_PREFECT_...` is of no use."""
     _check_open_files()
     check_loopback()
     _check_own_settings()
@@ -53,7 +53,7 @@ def _check_open_files() -> None:
 
 
 def check_loopback() -> int:
-    """A port on which a process of this machine reached another one.
+    """Return a port on which a process of this machine reached another one.
 
     Raises:
         UsageError: it reached none.

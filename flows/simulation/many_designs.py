@@ -151,7 +151,7 @@ def _simulate(
     note: Callable[[OwnDesign, RigidObject, Attempt], None],
     own: OwnDesign,
 ) -> SimulatedDesign:
-    """All objects of a design in one worker, which keeps its mesh."""
+    """Simulate all objects of a design in one worker, which keeps its mesh."""
     attempts = []
     with pool.lend() as worker:
         for obj in objects:

@@ -17,7 +17,7 @@ _PARTS = 10**6  # of all the work, in which its progress is counted
 
 
 def n_missing(lake: Lake, plans: Sequence[SimulationPlan]) -> int:
-    """Grasps of plans that the lake has no result or failure of."""
+    """Count the grasps of plans that the lake has no result or failure of."""
     return sum(len(objects) for plan in plans for _, objects in missing_objects(lake, plan))
 
 
@@ -81,7 +81,7 @@ class _SimulationCounter:
     """When it last spoke."""
 
     def begin(self, n_grasps: int) -> None:
-        """The next plan lacks so many grasps."""
+        """Begin the next plan, which lacks so many grasps."""
         self.before_plan, self.failed_before_plan, self.of_plan = self.made, self.failed, n_grasps
 
     def note(self, done: PointDone) -> None:

@@ -22,7 +22,7 @@ _FROM = (-0.1, -0.8, 0.62)  # direction from the objects to the eye
 
 
 def send_bench(stream: rr.RecordingStream, layout: BenchLayout, objects: Sequence[int]) -> None:
-    """The sheet under these objects and a mount for each; nothing where no object is known."""
+    """Send the sheet under these objects and a mount for each; nothing where no object is known."""
     if not objects:
         return
     low, high = _extent(layout, objects)
@@ -37,13 +37,13 @@ def send_bench(stream: rr.RecordingStream, layout: BenchLayout, objects: Sequenc
 
 
 def place_bench_eye(layout: BenchLayout, objects: Sequence[int]) -> rrb.EyeControls3D:
-    """An eye in front of the bench from which all these objects, and a gripper over them, are seen."""
+    """Place an eye in front of the bench from which all these objects, and a gripper over them, are seen."""
     low, high = _extent(layout, objects or range(layout.n_columns**2))
     return fit_eye([*low, 0.0], [*high, HEAD_ROOM_MM], _FROM)
 
 
 def build_head(design: Design) -> list[tuple[str, trimesh.Trimesh]]:
-    """Head, right and left finger as a few triangles, by name, mm: z = 0 at the tips, the gripper around x = y = 0.
+    """Build head, right and left finger as a few triangles, by name, mm: z = 0 at the tips, gripper around x = y = 0.
 
     The fingers, prisms without ribs so that many tools stay small, stand at half of their way between open and closed.
     """
@@ -55,7 +55,7 @@ def build_head(design: Design) -> list[tuple[str, trimesh.Trimesh]]:
 
 
 def _prism(design: Design, sign: float, gap_mm: float) -> trimesh.Trimesh:
-    """A finger as a prism over the triangle of front face, base and back, tip down."""
+    """Build a finger as a prism over the triangle of front face, base and back, tip down."""
     profile = np.array([[gap_mm, 0.0], [gap_mm, design.height_mm], [gap_mm + design.length_mm, design.height_mm]])
     half = design.width_mm / 2
     corners = np.array([[sign * x, y, z] for y in (-half, half) for x, z in profile])
@@ -63,6 +63,6 @@ def _prism(design: Design, sign: float, gap_mm: float) -> trimesh.Trimesh:
 
 
 def _extent(layout: BenchLayout, objects: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest x and y (mm) of the ground around these objects."""
+    """Compute the least and largest x and y (mm) of the ground around these objects."""
     places = np.array([layout.object_xy_mm(number) for number in objects])
     return places.min(axis=0) - ROUND_MM, places.max(axis=0) + ROUND_MM

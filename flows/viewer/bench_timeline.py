@@ -117,7 +117,7 @@ class BenchTimeline:
                 self._stream.log(f"proposals/{name}/{fidelity}", look, static=True)
 
     def _send_grasp(self, row: Mapping[str, Any]) -> None:
-        """One grasp: the head over its object, the force as it is read, the colour of the object, the words."""
+        """Send one grasp: the head over its object, the force as it is read, the colour of the object, the words."""
         times = np.asarray(row["time_s"], dtype=float)
         start = self._start_of(row["started_at"], float(times[-1]) if times.size else 0.0)
         if row["tool_id"] != self._tool_id:
@@ -139,7 +139,7 @@ class BenchTimeline:
         self._peaks.setdefault(row["tool_id"], {}).setdefault(row["object_id"], []).append(row["peak_force_n"])
 
     def _colour_object(self, object_id: int, place: tuple[float, float], peak_n: float) -> None:
-        """The peak of its last grasp, as its colour and in figures above it."""
+        """Show the peak of an object's last grasp, as its colour and in figures above it."""
         colour = colormaps[FORCE_COLOURS](np.clip(peak_n / self._full_n, 0.0, 1.0))
         self._stream.log(f"cell/objects/object_{object_id:02d}", rr.Mesh3D.from_fields(albedo_factor=colour))
         above = [*place, self._layout.mount_height_mm + LABEL_ABOVE_MM]
@@ -147,7 +147,7 @@ class BenchTimeline:
         self._stream.log(f"cell/peaks/object_{object_id:02d}", figures)
 
     def _start_of(self, started_at: datetime | None, lasts_s: float) -> float:
-        """Where a grasp begins on the timeline; moves the clock to its end."""
+        """Return where a grasp begins on the timeline; move the clock to its end."""
         wait = 1.0
         if started_at is not None and self._last_start is not None:
             since = (started_at - self._last_start).total_seconds() - self._lasted_s
@@ -159,7 +159,7 @@ class BenchTimeline:
         return start
 
     def _mount(self, row: Mapping[str, Any], start: float) -> None:
-        """Another tool comes on the head."""
+        """Mount another tool on the head."""
         self._send_quality()
         self._tool_id, self._label = row["tool_id"], _label_of(row)
         self._at(start - 0.4)
@@ -169,7 +169,7 @@ class BenchTimeline:
         self._stream.log("log", rr.TextLog(f"{self._label} on the head", level=rr.TextLogLevel.INFO))
 
     def _draw_object(self, object_id: int) -> None:
-        """The object in its place on the table, the first time that it is met."""
+        """Draw the object in its place on the table, the first time that it is met."""
         if object_id in self._drawn:
             return
         self._drawn.add(object_id)
@@ -184,7 +184,7 @@ class BenchTimeline:
         self._stream.log(entity, rr.Mesh3D.from_fields(albedo_factor=rgb(OBJECT)))
 
     def _send_quality(self) -> None:
-        """Quality of the tool on the head, if it has met every object; and the best of the campaign."""
+        """Send the quality of the tool on the head, if it has met every object; and the best of the campaign."""
         peaks = self._peaks.get(self._tool_id, {})
         if not peaks or not peaks.keys() >= set(self._objects):
             return
@@ -197,7 +197,7 @@ class BenchTimeline:
         self._stream.log("quality/best", rr.Scalars(max(self._qualities.values())))
 
     def _send_proposals(self) -> None:
-        """The nine parameters of every proposal, at the time at which it was made."""
+        """Send the nine parameters of every proposal, at the time at which it was made."""
         rows = self._lake.query(_PROPOSALS.format(campaign=self._campaign)).to_pylist()
         fresh = [row for row in rows if row["proposal_id"] not in self._sent]
         self._sent.update(row["proposal_id"] for row in fresh)
@@ -214,7 +214,7 @@ class BenchTimeline:
                 self._stream.send_columns(f"proposals/{parameter}/{name}", moments, rr.Scalars.columns(scalars=column))
 
     def _moments(self, rows: Sequence[Mapping[str, Any]]) -> np.ndarray:
-        """Times on `bench` of the moments at which rows were written."""
+        """Return the times on `bench` of the moments at which rows were written."""
         written = np.array([row["created_at"].timestamp() for row in rows])
         if not self._bench_times:
             return np.zeros(len(rows))

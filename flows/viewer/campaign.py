@@ -86,7 +86,7 @@ def follow(
 
 
 def send_campaign(recording: rr.RecordingStream, content: Content) -> BenchTimeline:
-    """What there is of a campaign; the timeline can be asked for more."""
+    """Send what there is of a campaign; the timeline can be asked for more."""
     document = rr.TextDocument(describe(content), media_type="text/markdown")
     recording.log("about", document, static=True)
     campaign_id = content.campaign.campaign_id
@@ -97,7 +97,7 @@ def send_campaign(recording: rr.RecordingStream, content: Content) -> BenchTimel
 
 
 def find_objects(content: Content) -> tuple[BenchLayout, list[int]]:
-    """The bench of a campaign, and the objects that its tools shall meet.
+    """Find the bench of a campaign, and the objects that its tools shall meet.
 
     Of a campaign that was run elsewhere, the objects that its tools met; where its own ones stood is not known, and
     they are drawn on free places.
@@ -115,14 +115,14 @@ def find_objects(content: Content) -> tuple[BenchLayout, list[int]]:
 
 
 def choose_full_force_n(content: Content) -> float:
-    """A round force that no grasp of the campaign exceeds so far; 40 N before the first."""
+    """Choose a round force that no grasp of the campaign exceeds so far; 40 N before the first."""
     found = content.lake.query(_PEAK.format(campaign=literal(content.campaign.campaign_id))).to_pylist()
     peak_n = found[0]["peak_n"] if found and found[0]["peak_n"] is not None else 40.0
     return next((full for full in FULL_FORCES_N if full >= peak_n), FULL_FORCES_N[-1])
 
 
 def lay_out_campaign(content: Content, is_live: bool = False) -> rrb.Blueprint:
-    """The bench and its log on the left; force, tool quality, curves over lift and proposals on the right."""
+    """Lay out the bench and its log on the left; force, tool quality, curves over lift and proposals on the right."""
     scene = rrb.Spatial3DView(
         origin="cell",
         name=f"Bench; objects by the peak of their last grasp: dark 0, yellow {choose_full_force_n(content):g} N",
@@ -172,7 +172,7 @@ def _results_tab() -> rrb.Vertical:
 
 
 def _whole_time() -> rrb.TimeAxis:
-    """All of the time in which the bench worked, however far the cursor has come."""
+    """Return all of the time in which the bench worked, however far the cursor has come."""
     start, end = rrb.TimeRangeBoundary.absolute(seconds=0.0), rrb.TimeRangeBoundary.infinite()
     return rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end))
 
@@ -191,7 +191,7 @@ def _proposals_tab(names: Sequence[str]) -> rrb.Grid:
 
 
 def describe(content: Content) -> str:
-    """What the recording shows, and the tools so far, as Markdown."""
+    """Describe what the recording shows, and the tools so far, as Markdown."""
     rows = "\n".join(
         f"| {t.label} | {t.kind} | {'' if t.quality_n is None else format(t.quality_n, '.2f')} | {t.n_objects} |"
         for t in choose_tools(content)
@@ -205,7 +205,7 @@ def describe(content: Content) -> str:
 
 
 def choose_tools(content: Content) -> list[Tool]:
-    """The best tool first, then the best of each other batch, in order."""
+    """Choose the best tool first, then the best of each other batch, in order."""
     measured = [t for t in content.tools if t.n_grasps > 0]
     batches = sorted({t.batch for t in measured})
     best_tools = [

@@ -39,13 +39,13 @@ class Curves:
             self._send_legend()
 
     def start(self, label: str) -> None:
-        """Another tool is on the head: its name, and none of the lines before."""
+        """Start another tool on the head: its name, and none of the lines before."""
         self._stream.log("curves/lines", rr.Clear(recursive=True))
         title = rr.Points2D([[SHOWN_LIFT_MM / 2, -_FORCE_SIDE - 2.0]], labels=[label], colors=rgb(INK), **_LABEL)
         self._stream.log("curves/tool", title)
 
     def add(self, row: Mapping[str, Any]) -> None:
-        """The lift of one grasp; of repeats the last is drawn."""
+        """Add the lift of one grasp; of repeats the last is drawn."""
         lift, force = (np.asarray(row[name], dtype=float) for name in ("lift_mm", "force_n"))
         is_shown = (lift > 0.0) & (lift <= SHOWN_LIFT_MM)
         if is_shown.sum() < 2:
@@ -56,7 +56,7 @@ class Curves:
         self._stream.log(f"curves/lines/object_{row['object_id']:02d}", shown)
 
     def _send_legend(self) -> None:
-        """Names of the objects, in the colours of their lines."""
+        """Send the names of the objects, in the colours of their lines."""
         places = [[LEGEND_X, -_FORCE_SIDE + k * _LEGEND_STEP - _RAISED] for k in range(len(self._colours))]
         names = [name_object(number) for number in self._colours]
         legend = rr.Points2D(places, labels=names, colors=list(self._colours.values()), **_LABEL)
@@ -83,7 +83,7 @@ _LABEL: dict[str, Any] = {"radii": 0.05, "show_labels": True}  # the point itsel
 
 
 def view_curves() -> rrb.Spatial2DView:
-    """The plane of the curves, with room for the labels."""
+    """Make the plane of the curves, with room for the labels."""
     bounds = rrb.VisualBounds2D(x_range=(-8.0, SHOWN_LIFT_MM + 28.0), y_range=(-_FORCE_SIDE - 6.0, 12.0))
     name = "Force (N) over lift (mm), the tool on the head"
     return rrb.Spatial2DView(origin="curves", name=name, visual_bounds=bounds, background=[255, 255, 255])

@@ -51,7 +51,7 @@ def write_design_recording(lake: Lake, design_id: str, path: Path) -> Path:
 
 
 def _send_fingers(stream: rr.RecordingStream, design: Design) -> None:
-    """Both fingers, undeformed, at the open gap of the default setup."""
+    """Send both fingers, undeformed, at the open gap of the default setup."""
     setup = GraspSetup()
     for side, sign in SIDES.items():
         place = [sign * setup.open_gap_mm / 2, 0.0, design.height_mm - setup.tip_below_mm]
@@ -61,13 +61,13 @@ def _send_fingers(stream: rr.RecordingStream, design: Design) -> None:
 
 
 def find_edges(mesh: SolidMesh) -> np.ndarray:
-    """Edges (e, 2) of all elements as pairs of corner nodes, each once."""
+    """Find the edges (e, 2) of all elements as pairs of corner nodes, each once."""
     pairs = [block.connectivity[:, np.array(_EDGES[block.kind])].reshape(-1, 2) for block in mesh.blocks]
     return np.unique(np.sort(np.vstack(pairs), axis=1), axis=0)
 
 
 def _tray_items(lake: Lake, design: Design) -> tuple[list[PrintItem], str]:
-    """What was printed together with the design, and its name."""
+    """Return what was printed together with the design, and its name."""
     tools = lake.records(ToolRow, design_id=design.design_id)
     if not tools:
         return [PrintItem("alone", design)], "this design alone"
@@ -79,7 +79,7 @@ def _tray_items(lake: Lake, design: Design) -> tuple[list[PrintItem], str]:
 
 
 def _send_parts(stream: rr.RecordingStream, bodies: FingerBodies) -> None:
-    """Compliant and rigid body of one finger as they stand on a table, the rigid one drawn below."""
+    """Send the compliant and rigid body of one finger as they stand on a table, the rigid one drawn below."""
     stream.log("parts/compliant", flatten_mesh(bodies.compliant, COMPLIANT), static=True)
     rigid = bodies.rigid.copy()
     rigid.apply_translation([0.0, 0.0, -APART_MM])
@@ -87,7 +87,7 @@ def _send_parts(stream: rr.RecordingStream, bodies: FingerBodies) -> None:
 
 
 def _send_mesh(stream: rr.RecordingStream, mesh: SolidMesh) -> None:
-    """Elements as lines over their surface, so that one sees which are in front."""
+    """Send elements as lines over their surface, so that one sees which are in front."""
     skin = skin_of(mesh)
     surface = trimesh.Trimesh(skin.vertices(mesh.nodes), skin.triangles, process=False)
     stream.log("mesh/surface", flatten_mesh(surface, COMPLIANT), static=True)
@@ -98,7 +98,7 @@ def _send_mesh(stream: rr.RecordingStream, mesh: SolidMesh) -> None:
 
 
 def _send_tray(stream: rr.RecordingStream, items: list[PrintItem], design: Design) -> None:
-    """Everything that was printed together; the fingers of the design itself stand out."""
+    """Send everything that was printed together; the fingers of the design itself stand out."""
     plate = np.array([*BED_MM, 2.0])
     sheet = rr.Boxes3D(centers=plate / 2 - [0, 0, 2], sizes=plate, colors=rgb(FAINT), fill_mode="solid")
     stream.log("tray/plate", sheet, static=True)

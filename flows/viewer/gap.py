@@ -33,7 +33,7 @@ def write_gap_recording(evaluation: Evaluation, path: Path) -> Path:
 
 
 def _send_cell(stream: rr.RecordingStream, evaluation: Evaluation, place: int, rows: Sequence[int]) -> None:
-    """Every measured repeat, and both simulations, of one tool on one object."""
+    """Send every measured repeat, and both simulations, of one tool on one object."""
     for repeat, row in enumerate(rows):
         _send(
             stream,

@@ -67,14 +67,14 @@ class Clock(NamedTuple):
 
     @classmethod
     def between(cls, simulated: Trace, measured: Trace) -> "Clock":
-        """From the time of one trace to that of the other."""
+        """Make a clock from the time of one trace to that of the other."""
         lifting = measured.is_lift
         lifts, first = np.unique(np.maximum.accumulate(measured.lift_mm[lifting]), return_index=True)
         moments = measured.time_s[lifting][first]
         return cls(_closing_s(simulated), _closing_s(measured), lifts, moments)
 
     def at(self, phase: str, time_s: float, lift_mm: float) -> float:
-        """The measured time of a simulated moment; beyond the last measured lift, at its mean pace."""
+        """Return the measured time of a simulated moment; beyond the last measured lift, at its mean pace."""
         if phase == "closing" or not self.lifts_mm.size:
             return time_s * self.measured_closing_s / self.closing_s if self.closing_s else time_s
         over = max(lift_mm - float(self.lifts_mm[-1]), 0.0)
@@ -83,7 +83,7 @@ class Clock(NamedTuple):
         return float(np.interp(lift_mm, lifts, moments) + over * pace)
 
     def moved(self, trace: Trace) -> Trace:
-        """The same forces and lifts at measured times."""
+        """Return the same forces and lifts at measured times."""
         phases = np.where(trace.is_lift, "lift", "closing")
         moments = [self.at(*step) for step in zip(phases, trace.time_s, trace.lift_mm, strict=True)]
         return Trace(np.array(moments), trace.lift_mm, trace.force_n)
@@ -105,7 +105,7 @@ def _grasp(lake: Lake, grasp_id: str) -> GraspRow:
 
 
 def _stored_traces(lake: Lake, grasp: GraspRow) -> Iterator[tuple[str, Trace]]:
-    """Simulations of the same design and object with the same grasp setup, with their version."""
+    """Yield simulations of the same design and object with the same grasp setup, with their version."""
     keys = {"design_id": grasp.design_id, "object_id": grasp.object_id, "setup_id": grasp.setup_id}
     for simulation in lake.records(SimulationRow, status="ok", **keys):
         if lake.has(SimTraceRow, simulation.simulation_id):
@@ -126,7 +126,7 @@ def _about(title: str, trace: Trace, simulated: Simulated | None, frames: GraspF
 def _send_moving_fingers(
     stream: rr.RecordingStream, design: Design, setup: GraspSetup, label: str, trace: Trace
 ) -> None:
-    """Both fingers, moved as the jaws and the head move."""
+    """Send both fingers, moved as the jaws and the head move."""
     for name, mesh in build_fingers(design, label).items():
         stream.log(f"cell/fingers/{name}", mesh, static=True)
     for side, places in move_fingers(design, setup, trace).items():

@@ -75,7 +75,7 @@ def open_page(recording: Path, login: str, is_whole: threading.Event) -> Iterato
 
 
 def make_app(files: Files, recording: Path, is_whole: threading.Event) -> App:
-    """The page with its recording, without the gate."""
+    """Make the page with its recording, without the gate."""
     from starlette.applications import Starlette
     from starlette.responses import RedirectResponse, Response, StreamingResponse
     from starlette.routing import Route
@@ -97,7 +97,7 @@ def make_app(files: Files, recording: Path, is_whole: threading.Event) -> App:
 
 
 async def _follow(recording: Path, is_whole: threading.Event) -> AsyncIterator[bytes]:
-    """A recording piece by piece, until it is whole."""
+    """Yield a recording piece by piece, until it is whole."""
     import asyncio
 
     with recording.open("rb") as file:
@@ -111,7 +111,7 @@ async def _follow(recording: Path, is_whole: threading.Event) -> AsyncIterator[b
 
 
 def read_files() -> Files:
-    """The files of Rerun's page, from its program.
+    """Read the files of Rerun's page, from its program.
 
     Raises:
         FastError: it did not give them.
@@ -146,7 +146,7 @@ def _read_file(address: str) -> tuple[bytes, str]:
 
 
 def _wait_for_address(process: "subprocess.Popen[bytes]", log: IO[bytes]) -> str:
-    """Where Rerun serves its page, as it says itself: a port that we chose could be taken by others meanwhile."""
+    """Return where Rerun serves its page, as it says itself: others could meanwhile take a port that we chose."""
     deadline = time.monotonic() + START_LIMIT_S
     while True:
         is_alive = process.poll() is None
@@ -165,7 +165,7 @@ def _did_not_start(why: str) -> str:
 
 
 def _listen() -> socket.socket:
-    """A listening socket on Rerun's own port, or on a free one."""
+    """Return a listening socket on Rerun's own port, or on a free one."""
     try:
         return socket.create_server((LOOPBACK, PORT))
     except OSError:

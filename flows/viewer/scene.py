@@ -20,12 +20,12 @@ SIDES = {"right": 1.0, "left": -1.0}
 
 
 def marked_bodies(design: Design, label: str | None = None) -> FingerBodies:
-    """Bodies of a finger with its label as id mark, or without one where another lab's label cannot be a mark."""
+    """Build a finger's bodies with its label as id mark, or with none where another lab's label cannot be a mark."""
     return finger_bodies(design, label if label is not None and is_mark(label) else None)
 
 
 def build_fingers(design: Design, label: str | None = None) -> dict[str, rr.Mesh3D]:
-    """Hanging fingers, tips down, faces in the plane x = 0, by entity name (`right/compliant`, ...)."""
+    """Build hanging fingers, tips down, faces in the plane x = 0, by entity name (`right/compliant`, ...)."""
     bodies = marked_bodies(design, label)
     found = {}
     for side, sign in SIDES.items():
@@ -38,7 +38,7 @@ def build_fingers(design: Design, label: str | None = None) -> dict[str, rr.Mesh
 
 
 def move_fingers(design: Design, setup: GraspSetup, trace: Trace) -> dict[str, np.ndarray]:
-    """Where the undeformed fingers are at each of the n samples of a grasp, n x 3 in mm, by side.
+    """Return where the undeformed fingers are at each of the n samples of a grasp, n x 3 in mm, by side.
 
     The jaws are taken to close evenly until the lift starts.
     """
@@ -52,7 +52,7 @@ def move_fingers(design: Design, setup: GraspSetup, trace: Trace) -> dict[str, n
 
 
 def draw_object(object_id: int, place_mm: Sequence[float] = (0.0, 0.0, 0.0), colour: str | None = OBJECT) -> rr.Mesh3D:
-    """A test object with its bottom at a place; without a colour, another message may give it one.
+    """Draw a test object with its bottom at a place; without a colour, another message may give it one.
 
     Raises:
         UsageError: the catalogue has no such object.
@@ -70,7 +70,7 @@ def draw_object(object_id: int, place_mm: Sequence[float] = (0.0, 0.0, 0.0), col
 
 
 def flatten_mesh(mesh: trimesh.Trimesh, colour: str) -> rr.Mesh3D:
-    """Mesh with its own corners for every triangle, so that creases stay sharp."""
+    """Make a mesh with its own corners for every triangle, so that creases stay sharp."""
     corners = np.asarray(mesh.vertices)[np.asarray(mesh.faces)].reshape(-1, 3)
     return rr.Mesh3D(
         vertex_positions=corners,
@@ -81,5 +81,5 @@ def flatten_mesh(mesh: trimesh.Trimesh, colour: str) -> rr.Mesh3D:
 
 
 def rgb(colour: str) -> list[int]:
-    """A `#rrggbb` colour as three numbers 0-255."""
+    """Return a `#rrggbb` colour as three numbers 0-255."""
     return [round(255 * part) for part in to_rgb(colour)]

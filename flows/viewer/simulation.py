@@ -54,14 +54,14 @@ def _stand_at(placement: Placement) -> rr.Transform3D:
 
 
 def choose_arrow_mm_per_n(frames: GraspFrames) -> float:
-    """Length of the arrows: 1, 2 or 5 times a power of ten, the longest at most `LONGEST_ARROW_MM`."""
+    """Choose the arrows' length: 1, 2 or 5 times a power of ten, the longest at most `LONGEST_ARROW_MM`."""
     most = LONGEST_ARROW_MM / max(frames.largest_force_n, 1e-6)
     power = 10.0 ** np.floor(np.log10(most))
     return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= most))
 
 
 def describe_fingers(frames: GraspFrames) -> str:
-    """Colours and arrows of the fingers in words."""
+    """Describe colours and arrows of the fingers in words."""
     return (
         f"coloured by displacement from the undeformed finger: dark 0, yellow {frames.furthest_mm:.1f} mm. Arrows: "
         f"force of the object on them, {choose_arrow_mm_per_n(frames):g} mm per N."
@@ -69,7 +69,7 @@ def describe_fingers(frames: GraspFrames) -> str:
 
 
 def send_fingers(stream: rr.RecordingStream, frames: GraspFrames, clock: Callable[[Snapshot], float]) -> None:
-    """Both fingers, coloured by displacement, with the forces on them; `clock` gives the time (s) of a snapshot."""
+    """Send both fingers, coloured by displacement, with the forces on them; `clock` gives a snapshot's time (s)."""
     furthest_mm, mm_per_n = frames.furthest_mm, choose_arrow_mm_per_n(frames)
     for side, of_side in frames.frames.items():
         entity = f"cell/fingers/{side}"
@@ -86,7 +86,7 @@ def send_fingers(stream: rr.RecordingStream, frames: GraspFrames, clock: Callabl
 
 
 def lay_out_grasp(title: str, column_shares: tuple[int, int] | None = None) -> rrb.Blueprint:
-    """The scene and its words on the left; force and lift, over the same stretch of time, on the right."""
+    """Lay out the scene and its words on the left; force and lift, over the same stretch of time, on the right."""
     linked = rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
     return lay_out(
         rrb.Horizontal(
@@ -129,7 +129,7 @@ def _surface(frame: Frame, furthest_mm: float) -> rr.Mesh3D:
 
 
 def _arrows(frame: Frame, mm_per_n: float) -> rr.Arrows3D:
-    """Forces, drawn on the flank towards the eye: inside the finger none would be seen."""
+    """Draw forces on the flank towards the eye: inside the finger none would be seen."""
     places, forces = frame.forces
     flank_mm = float(np.abs(frame.snapshot.rest_nodes[:, 1]).max()) + ARROW_RADIUS_MM
     origins = np.column_stack([places[:, 0], np.full(len(places), -flank_mm), places[:, 2]])
@@ -137,7 +137,7 @@ def _arrows(frame: Frame, mm_per_n: float) -> rr.Arrows3D:
 
 
 def _send_approach(stream: rr.RecordingStream, entity: str, first: Frame, clock: Callable[[Snapshot], float]) -> None:
-    """The way of the undeformed finger from the open gap to the first touch, where the recording begins."""
+    """Send the way of the undeformed finger from the open gap to the first touch, where the recording begins."""
     for share in np.linspace(0.0, 1.0, N_APPROACH):
         _set_times(stream, float(share) * clock(first.snapshot), 0.0)
         away_mm = first.shape.mirror[0] * (1.0 - share) * first.snapshot.travel_mm
@@ -150,7 +150,7 @@ def _set_times(stream: rr.RecordingStream, time_s: float, lift_mm: float) -> Non
 
 
 def _send_closing_force(stream: rr.RecordingStream, snapshots: list[Snapshot]) -> None:
-    """Force with which one finger is pressed on the object."""
+    """Send the force with which one finger is pressed on the object."""
     force_n = np.array([-s.clamp_force[0] * s.scale for s in snapshots])
     trace = Trace(np.array([s.time_s for s in snapshots]), np.array([s.lift_mm for s in snapshots]), force_n)
     stream.log("force/closing", rr.SeriesLines(names="of one finger on the object", colors=rgb(FIRST)), static=True)

@@ -31,7 +31,7 @@ def open_recording(
     blueprint: rrb.Blueprint,
     scenes: Sequence[str] = ("cell",),
 ) -> Iterator[rr.RecordingStream]:
-    """A recording that is on disk when the context ends. `scenes` are the origins of three-dimensional views.
+    """Open a recording that is on disk when the context ends. `scenes` are the origins of three-dimensional views.
 
     Raises:
         UsageError: the file cannot be written.
@@ -53,21 +53,21 @@ def open_recording(
 
 
 def lay_out(content: rrb.Container, timeline: rrb.TimePanel) -> rrb.Blueprint:
-    """A blueprint whose panels at the sides are closed at first."""
+    """Make a blueprint whose panels at the sides are closed at first."""
     return rrb.Blueprint(
         content, timeline, rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed")
     )
 
 
 def place_eye(position: tuple[float, float, float], target: tuple[float, float, float]) -> rrb.EyeControls3D:
-    """The eye of a three-dimensional view at first, z up, mm."""
+    """Place the eye of a three-dimensional view at first, z up, mm."""
     return rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 0.0, 1.0))
 
 
 def fit_eye(
     low: Sequence[float], high: Sequence[float], back: tuple[float, float, float], aspect: float = 1.3
 ) -> rrb.EyeControls3D:
-    """The nearest eye in the direction `back` that sees the whole box from `low` to `high`, mm.
+    """Find the nearest eye in the direction `back` that sees the whole box from `low` to `high`, mm.
 
     aspect: width over height of the view; with less, both sides are cut off.
     """
@@ -97,7 +97,7 @@ def send_trace(
     name: str,
     colour: str,
 ) -> None:
-    """Both channels of a trace as columns, with the name and colour of the line."""
+    """Send both channels of a trace as columns, with the name and colour of the line."""
     lines = rr.SeriesLines(names=name, colors=rgb(colour))
     recording.log(force_entity, lines, static=True)
     recording.send_columns(force_entity, times(trace, started_at), rr.Scalars.columns(scalars=trace.force_n))
@@ -107,7 +107,7 @@ def send_trace(
 
 
 def times(trace: Trace, started_at: datetime | None) -> list[rr.TimeColumn]:
-    """The timelines of a trace's samples; `bench_time` only with the time at which the grasp started."""
+    """Return the timelines of a trace's samples; `bench_time` only with the time at which the grasp started."""
     columns = [
         rr.TimeColumn("time", duration=trace.time_s),
         rr.TimeColumn("lift_um", sequence=np.round(1e3 * trace.lift_mm).astype(np.int64)),
@@ -118,7 +118,7 @@ def times(trace: Trace, started_at: datetime | None) -> list[rr.TimeColumn]:
 
 
 def read_design(lake: Lake, design_id: str) -> Design:
-    """A design of the lake.
+    """Read a design of the lake.
 
     Raises:
         UsageError: there is none.

@@ -58,7 +58,7 @@ class ArmBench:
         self._motion.leave = leave
 
     def set_ask(self, ask: Ask) -> None:
-        """An arm asks nothing: what it cannot decide ends its work."""
+        """Do nothing: an arm asks nothing, and what it cannot decide ends its work."""
 
     def ask(self, verb: Verb) -> None:
         """Stop or abort now, from any thread."""
@@ -89,11 +89,11 @@ class ArmBench:
         self._link.close()
 
     def present_grasp(self) -> GraspInView | None:
-        """The grasp that is made now, or the last one."""
+        """Return the grasp that is made now, or the last one."""
         return self._present
 
     def check_position(self) -> tuple[float, float, float]:
-        """Distance of the flange from where the controller wants it, x, y, z in mm.
+        """Check the distance of the flange from where the controller wants it, x, y, z in mm.
 
         Raises:
             DeviceError: it is further away than a motion that has ended leaves it.
@@ -254,7 +254,7 @@ class ArmBench:
         self._check_free(grasp, left_n)
 
     def _check_free(self, grasp: "_ArmGrasp", change_n: float) -> None:
-        """Raises DeviceError where the open gripper has become heavier or lighter."""
+        """Raise DeviceError where the open gripper has become heavier or lighter."""
         if abs(change_n) > NOT_RELEASED_N:
             raise DeviceError(
                 f"At object {grasp.object_id} the wrist feels {change_n:+.1f} N on the open gripper: an object came "
@@ -282,11 +282,11 @@ class _ArmGrasp(GraspInProgress):
     """Net force of each reading."""
 
     def read(self, first: int) -> Trace:
-        """Samples from number `first` on, from any thread."""
+        """Read samples from number `first` on, from any thread."""
         return read_samples(self.times_s, self.lifts_mm, self.forces_n, first)
 
     def add(self, states: Sequence[ArmState]) -> None:
-        """Samples of the wrist, tared."""
+        """Add samples of the wrist, tared."""
         for state in states:
             if not self.times_s or state.time_s - self.start_s > self.times_s[-1]:
                 self.times_s.append(state.time_s - self.start_s)
@@ -294,19 +294,19 @@ class _ArmGrasp(GraspInProgress):
                 self.forces_n.append(-float(state.force_n[2]) - self.tare_n)
 
     def recent_n(self, duration_s: float) -> np.ndarray:
-        """Readings of the last `duration_s`, tared, in N."""
+        """Return readings of the last `duration_s`, tared, in N."""
         first = np.searchsorted(self.times_s, self.times_s[-1] - duration_s)
         return np.array(self.forces_n[first:])
 
     def is_contact_seen(self) -> bool:
-        """Whether the mean of a quarter of a second leaves zero by more than the free gripper does."""
+        """Return whether the mean of a quarter of a second leaves zero by more than the free gripper does."""
         force_n = np.array(self.forces_n)
         n = min(CONTACT_READINGS, len(force_n))
         means = np.convolve(force_n, np.full(n, 1.0 / n), "valid") if n else np.zeros(1)
         return bool(np.abs(means).max() > max(FORCE_BACK_N, 3.0 * self.sd_n))
 
     def result(self) -> MeasuredGrasp:
-        """The grasp as measured. The lift of a resting arm is exactly 0."""
+        """Return the grasp as measured. The lift of a resting arm is exactly 0."""
         lift_mm = np.round(np.array(self.lifts_mm), 3)
         lift_mm = np.maximum.accumulate(np.where(lift_mm < 0.02, 0.0, lift_mm)) if lift_mm.size else lift_mm
         trace = Trace(np.round(np.array(self.times_s), 4), lift_mm, np.array(self.forces_n))
@@ -315,7 +315,7 @@ class _ArmGrasp(GraspInProgress):
 
 @contextmanager
 def open_arm_bench(settings: ArmSettings, tools: Mapping[int, MountedTool]) -> Iterator[ArmBench]:
-    """The arm at this address, connected. The caller has asked for leave to move.
+    """Open the arm at this address, connected. The caller has asked for leave to move.
 
     Raises:
         InterlockError: something hangs on the arm from an earlier session; nothing has moved.

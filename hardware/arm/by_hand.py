@@ -41,7 +41,7 @@ class ArmByHand:
         self._motion.ask(verb)
 
     def pass_time(self, duration_s: float) -> None:
-        """An arm's time passes by itself."""
+        """Do nothing: an arm's time passes by itself."""
 
     def open(self, may_grip: bool) -> None:
         """Connect; nothing moves.
@@ -103,7 +103,7 @@ class ArmByHand:
 
     @contextmanager
     def _guard(self) -> Iterator[None]:
-        """What ends a step early stands as the fault until a person has looked."""
+        """Keep what ends a step early as the fault until a person has looked."""
         try:
             with self._motion.guarded():
                 yield
@@ -170,7 +170,7 @@ class ArmByHand:
 
 @contextmanager
 def open_arm_by_hand(settings: ArmSettings, may_grip: bool = False) -> Iterator[ArmByHand]:
-    """The arm at this address, connected, to be moved by hand. The caller has asked for leave to move.
+    """Open the arm at this address, connected, to be moved by hand. The caller has asked for leave to move.
 
     Raises:
         InterlockError: the gripper is closed and nobody has looked; nothing has moved.

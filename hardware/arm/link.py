@@ -59,11 +59,11 @@ class ArmState:
     """Where the speed slider of the pendant stands, 0 to 1."""
 
     def is_on(self, output: int) -> bool:
-        """Whether a standard digital output is on."""
+        """Return whether a standard digital output is on."""
         return bool(self.outputs >> output & 1)
 
     def is_input_on(self, number: int) -> bool:
-        """Whether a standard digital input is on."""
+        """Return whether a standard digital input is on."""
         return bool(self.inputs >> number & 1)
 
 
@@ -110,7 +110,7 @@ class ArmLink:
             self._rtde = None
 
     def read(self) -> ArmState:
-        """The newest state, all of one moment.
+        """Read the newest state, all of one moment.
 
         Raises:
             EmergencyStopError: it is pressed.
@@ -158,7 +158,7 @@ class ArmLink:
             raise DeviceError("The arm's program was paused on the pendant; look, stop it there, and start again.")
 
     def next(self, after_s: float) -> ArmState:
-        """The first state with a later time stamp.
+        """Return the first state with a later time stamp.
 
         Raises:
             InterlockError: a person wants something else.
@@ -230,14 +230,14 @@ class ArmLink:
                 state = self.next(state.time_s)
 
     def write_move(self, place_mm: Point, speed_mm_per_s: float, yaw_deg: float = 0.0) -> str:
-        """A straight motion of the flange, which points down, as a line of URScript."""
+        """Write a straight motion of the flange, which points down, as a line of URScript."""
         turned = Rotation.from_euler("z", yaw_deg, degrees=True) * Rotation.from_rotvec(
             self._settings.down_rotation_rad
         )
         return self.write_line(place_mm, turned.as_rotvec().tolist(), speed_mm_per_s)
 
     def write_line(self, place_mm: Point, rotation_rad: Sequence[float], speed_mm_per_s: float) -> str:
-        """A straight motion of the flange, as a line of URScript."""
+        """Write a straight motion of the flange, as a line of URScript."""
         pose = [*(value / 1000.0 for value in place_mm), *rotation_rad]
         written = ", ".join(f"{value:.6f}" for value in pose)
         acceleration = self._settings.acceleration_mm_per_s2 / 1000.0
@@ -245,5 +245,5 @@ class ArmLink:
 
 
 def write_output(number: int, is_on: bool) -> str:
-    """A standard digital output, as a line of URScript."""
+    """Write a standard digital output, as a line of URScript."""
     return f"set_standard_digital_out({number}, {is_on})"

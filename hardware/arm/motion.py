@@ -46,7 +46,7 @@ class ArmMotion:
 
     @contextmanager
     def guarded(self) -> Iterator[None]:
-        """Whatever ends the work early ends in the safe state: motion stops, grip and lock stay as they are."""
+        """Go to the safe state whatever ends the work early: motion stops, grip and lock stay as they are."""
         self._at_work = threading.get_ident()
         try:
             yield
@@ -77,7 +77,7 @@ class ArmMotion:
         self.link.run([line], abs(distance_mm) / speed_mm_per_s)
 
     def travel(self, x_mm: float, y_mm: float, yaw_deg: float = 0.0) -> None:
-        """Up to travel height, then over the place."""
+        """Go up to travel height, then over the place."""
         here = self.link.read().position_mm
         if here[2] < self.settings.travel_z_mm - LOW_MM:
             up_mm = (float(here[0]), float(here[1]), self.settings.travel_z_mm)
@@ -90,7 +90,7 @@ class ArmMotion:
         self.link.run([write_output(output, is_on)], 1.0)
 
     def wait(self, duration_s: float) -> list[ArmState]:
-        """All states of the next seconds of the arm's time."""
+        """Wait, and return all states of the next seconds of the arm's time."""
         state = self.link.read()
         states, end_s = [], state.time_s + duration_s
         while state.time_s < end_s:
@@ -99,7 +99,7 @@ class ArmMotion:
         return states
 
     def feel_n(self, duration_s: float) -> np.ndarray:
-        """Downward pulls on the flange over some time, N."""
+        """Return downward pulls on the flange over some time, N."""
         return np.array([-state.force_n[2] for state in self.wait(duration_s)])
 
     def grip(self) -> Iterator[ArmState]:

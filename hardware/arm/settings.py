@@ -61,7 +61,7 @@ class ArmSettings(Record):
         return self
 
     def grasp_mm(self, design: Design, object_id: int, setup: GraspSetup) -> Point:
-        """Flange at a grasp with the object in the middle of the fingers; tips lie under the object's bottom.
+        """Return the flange at a grasp with the object midway between the fingers; tips lie under the object's bottom.
 
         Raises:
             UsageError: it is not said where the object stands, or the longest lift ends above the travel height.

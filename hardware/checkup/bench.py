@@ -70,7 +70,7 @@ def check_open_bench(bench: Bench) -> list[Finding]:
 def check_tool_masses(
     findings: Findings, mass_kg: Mapping[int, float], full_slots: frozenset[int], n_slots: int
 ) -> None:
-    """Every tool in the dock should have been weighed: its mass proves that it is the right one."""
+    """Check that every tool in the dock has been weighed: its mass proves that it is the right one."""
     wrong = [f"slot {slot}: {mass:g} kg" for slot, mass in sorted(mass_kg.items())
              if not (0 <= slot < n_slots and LIGHTEST_KG <= mass <= HEAVIEST_KG)]  # fmt: skip
     unweighed = sorted(full_slots - mass_kg.keys())

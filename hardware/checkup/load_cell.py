@@ -60,7 +60,7 @@ def check_load_cell(
 
 
 def _readings(transmitter: WeightSource, clock: Clock, rate_hz: float) -> list[Reading]:
-    """Readings of `WEIGH_S` at the rate of the bench file, or as fast as they come."""
+    """Take readings of `WEIGH_S` at the rate of the bench file, or as fast as they come."""
     readings: list[Reading] = []
     next_s = clock.now_s()
     until_s = next_s + WEIGH_S

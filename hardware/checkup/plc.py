@@ -102,7 +102,7 @@ def _check_scan(findings: Findings, plc: ClickPlc, clock: Clock) -> tuple[bool, 
 
 
 def _check_air(findings: Findings, plc: ClickPlc, is_switch_on: bool, supply_pressure_psi: float) -> None:
-    """Pressure and its switch must agree with the gripper valve; the supply stays as it is."""
+    """Check that pressure and its switch agree with the gripper valve; the supply stays as it is."""
     psi, is_gripping = float(plc.read_many(tags.PRESSURE_REGISTER, 1)[0]), plc.read_bit(tags.GRIP_OUTPUT)
     seen = f"{psi:.1f} psi, switch {'on' if is_switch_on else 'off'}, gripper {'closed' if is_gripping else 'open'}"
     if not math.isfinite(psi) or not -1.0 <= psi <= MOST_PRESSURE_PSI:
@@ -131,7 +131,7 @@ def _check_lock(findings: Findings, is_closed: bool, is_open: bool, is_present: 
 
 
 def _check_heartbeat(findings: Findings, plc: ClickPlc, link: ModbusLink, clock: Clock, is_estop_ok: bool) -> None:
-    """One beat: it must be echoed, and two seconds later the ladder must let go of the motors."""
+    """Send one beat: it must be echoed, and two seconds later the ladder must let go of the motors."""
     if plc.read_bit(tags.SUPPLY_REQUEST):
         fix = "`fast gantry park --real BENCH.toml` closes it"
         findings.add("heartbeat", f"not tried: {tags.SUPPLY_REQUEST} still asks for air", fix)

@@ -12,7 +12,7 @@ _PTY = "/dev/pts/"
 
 
 def check_serial_port(port: str) -> str:
-    """What a serial port is, for people.
+    """Say what a serial port is, for people.
 
     Raises:
         LinkLostError: it cannot be opened; says what to do.
@@ -36,7 +36,7 @@ def check_serial_port(port: str) -> str:
 
 
 def holders(port: str) -> list[str]:
-    """Other processes that have a file open, as `name (process 123)`; only those that this user may see."""
+    """List other processes that have a file open, as `name (process 123)`; only those that this user may see."""
     target = os.path.realpath(port)
     found = []
     for process in sorted(Path("/proc").glob("[0-9]*")):
@@ -46,7 +46,7 @@ def holders(port: str) -> list[str]:
 
 
 def check_address(host: str, port: int, timeout_s: float) -> str:
-    """What a TCP address is, for people; connects once and hangs up.
+    """Say what a TCP address is, for people; connect once and hang up.
 
     Raises:
         LinkLostError: nobody answers; says what to do.

@@ -53,15 +53,15 @@ class Block:
         return len(self.ranges) > 1
 
     def contains(self, number: int) -> bool:
-        """Whether this block has that native number."""
+        """Return whether this block has that native number."""
         return any(first <= number <= last and (number - first) % self.step == 0 for first, last in self.ranges)
 
     def can_write(self, number: int) -> bool:
-        """Whether a Modbus client may write that number."""
+        """Return whether a Modbus client may write that number."""
         return self.is_writable or number in self.writable_numbers
 
     def wire_of(self, number: int) -> int:
-        """0-based wire address of a native number."""
+        """Return the 0-based wire address of a native number."""
         if not self.is_sparse:
             return self.base + self.width * (number - self.ranges[0][0]) // self.step
         if 21 <= number <= 36:  # second slot of the CPU module
@@ -69,7 +69,7 @@ class Block:
         return self.base + 32 * (number // 100) + number % 100 - 1
 
     def number_at(self, wire: int) -> int | None:
-        """Native number whose value starts at this wire address, or None."""
+        """Return the native number whose value starts at this wire address, or None."""
         offset = wire - self.base
         if offset < 0:
             return None
@@ -150,7 +150,7 @@ def parse_address(name: str) -> Address:
 
 
 def pack_value(kind: Kind, value: Value) -> list[int]:
-    """Registers of one value, low word first. Text is at most two characters, the first in the low byte.
+    """Pack one value in registers, low word first. Text is at most two characters, the first in the low byte.
 
     Raises:
         UsageError: the value does not fit its type, or is not finite.
@@ -169,7 +169,7 @@ def pack_value(kind: Kind, value: Value) -> list[int]:
 
 
 def unpack_value(kind: Kind, registers: list[int]) -> int | float | str:
-    """Inverse of `pack_value` for exactly one value (1 or 2 registers)."""
+    """Undo `pack_value` for exactly one value (1 or 2 registers)."""
     data = struct.pack(f"<{len(registers)}H", *registers)
     if kind == "text":
         return data.decode("ascii", errors="replace").rstrip("\0")

@@ -81,7 +81,7 @@ class ClickPlc:
         self._link.close()
 
     def read_many(self, first: str, count: int) -> list[Value]:
-        """`count` values of consecutive native addresses of a block, chunked at 124 registers."""
+        """Read `count` values of consecutive native addresses of a block, chunked at 124 registers."""
         address = parse_address(first)
         _check_span(address, count)
         if address.block.kind == "bit":
@@ -95,19 +95,19 @@ class ClickPlc:
         return [unpack_value(address.block.kind, registers[i : i + width]) for i in range(0, len(registers), width)]
 
     def read_bits(self, first: str, count: int) -> list[bool]:
-        """Like `read_many`, for blocks of bits."""
+        """Read as `read_many` does, for blocks of bits."""
         return [bool(value) for value in self.read_many(first, count)]
 
     def read_bit(self, name: str) -> bool:
-        """One bit."""
+        """Read one bit."""
         return self.read_bits(name, 1)[0]
 
     def read_int(self, name: str) -> int:
-        """One integer register (DS, DD, DH, SD ...)."""
+        """Read one integer register (DS, DD, DH, SD ...)."""
         return int(self.read_many(name, 1)[0])
 
     def read_float(self, name: str) -> float:
-        """One float register (DF).
+        """Read one float register (DF).
 
         Raises:
             DeviceError: no answer, or the register holds no finite number.
@@ -232,7 +232,7 @@ class ClickPlc:
         self._send_beat()
 
     def _read_heartbeat(self) -> tuple[int, int, int, int, int]:
-        """Heartbeat, echo, scan counter, fault code and session, from one request."""
+        """Read heartbeat, echo, scan counter, fault code and session in one request."""
         beat, echo, scans, fault, session = (
             int(value) for value in self.read_many(tags.HEARTBEAT_REGISTER, tags.N_HEARTBEAT)
         )
@@ -298,7 +298,7 @@ class ClickPlc:
 
 
 def _next_count(count: int) -> int:
-    """The count after `count`, 1 to 29999 and over again; never 0, which a restarted PLC shows."""
+    """Return the count after `count`, 1 to 29999 and over again; never 0, which a restarted PLC shows."""
     return max((count + 1) % _HIGHEST_COUNT, 1)
 
 

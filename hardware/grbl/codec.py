@@ -48,7 +48,7 @@ class LineDecoder:
         self._rest = b""
 
     def feed(self, data: bytes) -> list[Message]:
-        """Messages completed by `data`, in order. Empty lines are skipped."""
+        """Return messages completed by `data`, in order. Empty lines are skipped."""
         *lines, rest = re.split(rb"[\r\n]", self._rest + data)
         if len(rest) > MAX_RECEIVED_LINE:
             lines, rest = [*lines, rest], b""
@@ -57,7 +57,7 @@ class LineDecoder:
 
 
 def decode_line(line: bytes) -> Message:
-    """One line without its end as a message; anything else is `Unknown`."""
+    """Decode one line without its end as a message; anything else is `Unknown`."""
     try:
         text = line.decode("ascii").strip()
     except UnicodeDecodeError:
@@ -88,7 +88,7 @@ _LINE_FORMS: tuple[tuple[re.Pattern[str], Callable[[re.Match[str]], Message]], .
 
 
 def _numbers(text: str, least: int, most: int) -> Vector | None:
-    """From `least` to `most` comma-separated finite numbers, or None."""
+    """Read from `least` to `most` comma-separated finite numbers, or return None."""
     if not least <= text.count(",") + 1 <= most or not _NUMBERS.fullmatch(text):
         return None
     values = tuple(map(float, text.split(",")))
@@ -96,7 +96,7 @@ def _numbers(text: str, least: int, most: int) -> Vector | None:
 
 
 def _decode_report(body: str) -> StatusReport | None:
-    """Status report without its brackets. State and a position must be there and every known field sound.
+    """Decode a status report without its brackets. State and a position must be there, every known field sound.
 
     A damaged report is dropped whole: a half-believed position is worse than none.
     """
@@ -158,7 +158,7 @@ _FIELD_READERS: dict[str, Callable[[str], dict[str, object] | None]] = {
 
 
 def encode_line(line: str) -> bytes:
-    """A command line as bytes, ended by LF only (CR LF would be answered twice).
+    """Encode a command line as bytes, ended by LF only (CR LF would be answered twice).
 
     Raises:
         UsageError: the line is not plain printable ASCII, holds a real-time character, or is too long.
@@ -173,7 +173,7 @@ def encode_line(line: str) -> bytes:
 
 
 def encode_message(message: Message) -> bytes:
-    """The bytes a controller sends for a message, ended by CR LF: the inverse of decoding."""
+    """Return the bytes a controller sends for a message, ended by CR LF: the inverse of decoding."""
     return _message_text(message).encode("latin-1") + b"\r\n"
 
 
@@ -202,13 +202,13 @@ def _message_text(message: Message) -> str:
 
 
 def format_setting(number: int, value: float) -> str:
-    """Setting value as GRBL prints it: three decimals for the real-valued ones, else a whole number."""
+    """Write a setting value as GRBL prints it: three decimals for the real-valued ones, else a whole number."""
     is_real = number in REAL_SETTINGS or number >= 100
     return f"{value:.3f}" if is_real else f"{value:g}"
 
 
 def format_vector(vector: Vector) -> str:
-    """Millimetres with three decimals, comma-separated."""
+    """Write millimetres with three decimals, comma-separated."""
     return ",".join(f"{value:.3f}" for value in vector)
 
 

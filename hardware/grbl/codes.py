@@ -44,7 +44,7 @@ UNKNOWN_ALARM = AlarmMeaning("an alarm of unknown meaning", False, True, "look a
 
 
 def alarm_meaning(code: int) -> AlarmMeaning:
-    """Meaning of `ALARM:code`; an unknown code counts as the worst: deaf, position lost."""
+    """Return the meaning of `ALARM:code`; an unknown code counts as the worst: deaf, position lost."""
     return ALARMS.get(code, UNKNOWN_ALARM)
 
 
@@ -102,10 +102,10 @@ LOSES_POSITION = frozenset({7})  # default settings: other steps per mm
 
 
 def error_keeps_position(code: int) -> bool:
-    """Whether MPos is still true after `error:code`: a refused line moves nothing; an unknown code counts as no."""
+    """Return whether MPos is true after `error:code`: a refused line moves nothing; an unknown code counts as no."""
     return code in ERRORS and code not in LOSES_POSITION
 
 
 def error_text(code: int) -> str:
-    """What `error:code` says."""
+    """Return what `error:code` says."""
     return ERRORS.get(code, "error of unknown meaning")

@@ -82,7 +82,7 @@ class GrblDriver:
 
     @contextmanager
     def _alone(self, doing: str) -> Iterator[None]:
-        """One motion command at a time."""
+        """Allow one motion command at a time."""
         if not self._moving.acquire(blocking=False):
             raise InterlockError(f"The gantry is busy; it cannot {doing} now, wait or abort first.")
         try:
@@ -93,15 +93,15 @@ class GrblDriver:
     # Looking
 
     def status(self, doing: str = "asking for the status") -> StatusReport:
-        """Fresh status report."""
+        """Return a fresh status report."""
         return self.session.poll(doing)
 
     def position_mm(self) -> Vector:
-        """Fresh MPos of the first three axes."""
+        """Return the fresh MPos of the first three axes."""
         return _place(self.status("asking for the position"))
 
     def is_moving(self) -> bool:
-        """Whether anything moves now."""
+        """Return whether anything moves now."""
         return self.status("asking whether it moves").is_moving
 
     @property
@@ -148,7 +148,7 @@ class GrblDriver:
             return self._homed_mm
 
     def slip_mm(self) -> Vector:
-        """True place minus count since the last homing, by axis, mm (see `SwitchSearch`); then homes again.
+        """Return true place minus count since the last homing, by axis, mm (see `SwitchSearch`); then home again.
 
         The carriage must stand where homing left it. At most the pull-off and little more is told.
 
@@ -194,7 +194,7 @@ class GrblDriver:
     # Moving
 
     def move(self, target_mm: Sequence[float], speed_mm_per_s: float | None = None) -> None:
-        """Straight move to an absolute MPos; returns when it is done and the place is proved.
+        """Move straight to an absolute MPos; return when it is done and the place is proved.
 
         Args:
             target_mm: x, y, z.
@@ -260,7 +260,7 @@ class GrblDriver:
         return _place(report)
 
     def _ready(self, verb: str) -> StatusReport:
-        """All that must hold before the first byte of a motion."""
+        """Check all that must hold before the first byte of a motion."""
         if not self.is_position_known:
             raise InterlockError(f"The gantry cannot {verb}: its position is unknown, home first.")
         report = self.session.poll(f"about to {verb}")
@@ -282,7 +282,7 @@ class GrblDriver:
             )
 
     def _limits(self, way_mm: Sequence[float], distance_mm: float, speed_mm_per_s: float | None) -> tuple[float, float]:
-        """Speed and acceleration of a move, mm/s and mm/s2; refuses a speed that GRBL would silently lower."""
+        """Return speed and acceleration of a move, mm/s, mm/s2; refuse a speed that GRBL would silently lower."""
         direction = [part / distance_mm for part in way_mm]
         fastest = limit_along(direction, self._profile.max_speed_mm_per_s)
         acceleration = limit_along(direction, self._profile.acceleration_mm_per_s2)
@@ -390,5 +390,5 @@ class GrblDriver:
 
 
 def _place(report: StatusReport) -> Vector:
-    """MPos of the first three axes; `GrblSession.poll` has made sure it is there."""
+    """Return MPos of the first three axes; `GrblSession.poll` has made sure it is there."""
     return (report.machine_mm or ())[: len(AXES)]

@@ -110,7 +110,7 @@ class GrblLink:
         return self._alarm
 
     def alarm_since(self, epoch: int) -> int | None:
-        """Last alarm that stood when an epoch ended, from `epoch` on, such as the ALARM:3 of a reset in motion.
+        """Return the last alarm that stood when an epoch ended, from `epoch` on, as the ALARM:3 of a reset in motion.
 
         A reset may be asked for twice, since the first banner was late: its alarm is that of the first.
         """
@@ -127,7 +127,7 @@ class GrblLink:
         return self._report
 
     def overrides(self) -> tuple[int, int, int] | None:
-        """Feed, rapid, spindle override in percent as last reported in this epoch, or None."""
+        """Return feed, rapid, spindle override in percent as last reported in this epoch, or None."""
         return self._overrides
 
     # Life
@@ -212,7 +212,7 @@ class GrblLink:
             return self._report if self._n_reports > before and self._epoch == epoch else None
 
     def forget_reset(self) -> None:
-        """A reset we sent was not heard: a banner from now on is an unasked one."""
+        """Forget a reset we sent that was not heard: a banner from now on is an unasked one."""
         with self._changed:
             self._is_reset_asked = False
 

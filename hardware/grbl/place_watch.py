@@ -34,14 +34,14 @@ class Way:
     may_end_early: bool = False
 
     def along_mm(self, place_mm: Sequence[float]) -> float:
-        """How far a place is along the line, between its ends."""
+        """Return how far a place is along the line, between its ends."""
         way = [target - start for target, start in zip(self.target_mm, self.start_mm, strict=True)]
         length_mm = math.hypot(*way)
         dot = sum((p - s) * w for p, s, w in zip(place_mm, self.start_mm, way, strict=True))
         return min(max(dot / length_mm, 0.0), length_mm)
 
     def off_mm(self, place_mm: Sequence[float]) -> float:
-        """Distance of a place from the line."""
+        """Return the distance of a place from the line."""
         share = self.along_mm(place_mm) / math.dist(self.start_mm, self.target_mm)
         line = zip(self.start_mm, self.target_mm, strict=True)
         return math.dist(place_mm, [start + share * (target - start) for start, target in line])
@@ -63,22 +63,22 @@ class PlaceWatch:
         self._last: tuple[Vector, float] | None = None
 
     def release(self) -> None:
-        """Something was sent that may move it: the next place is believed if its speed allows it."""
+        """Release after something was sent that may move it: believe the next place if its speed allows it."""
         with self._lock:
             self._way = self._rest_mm = None
 
     def start(self) -> None:
-        """The position is true from now on, whatever was seen before."""
+        """Take the position as true from now on, whatever was seen before."""
         self.release()
         self._last, self.is_locked = None, False
 
     def expect(self, way: Way) -> None:
-        """A motion was commanded."""
+        """Expect the motion that was commanded."""
         with self._lock:
             self._way = way
 
     def let_end(self, is_allowed: bool = True) -> None:
-        """The motion may end anywhere on its line from now on, since the host stops it (or may not any more)."""
+        """Let the motion end anywhere on its line from now on, since the host stops it (or may not any more)."""
         with self._lock:
             if self._way is not None:
                 self._way.may_end_early = is_allowed

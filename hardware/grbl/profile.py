@@ -101,7 +101,7 @@ class GrblProfile(Record):
         return self
 
     def wanted(self, build: Sequence[str] = ()) -> dict[int, float]:
-        """What is compared on a controller that says `build` of itself (`$I`); nothing said counts as GRBL.
+        """Return what is compared on a controller that says `build` of itself (`$I`); nothing said counts as GRBL.
 
         On grblHAL a setting that the profile has changed is wanted as the profile says.
         """
@@ -111,11 +111,11 @@ class GrblProfile(Record):
         return {number: own.get(number, hal) for number, _, hal, _ in _TABLE if hal is not None}
 
     def differences(self, found: Mapping[int, float], build: Sequence[str] = ()) -> list[str]:
-        """One short text for each setting that is missing or different on the controller."""
+        """Return one short text for each setting that is missing or different on the controller."""
         return [text for text, _ in self.corrections(found, build)]
 
     def corrections(self, found: Mapping[int, float], build: Sequence[str] = ()) -> list[tuple[str, str]]:
-        """The differences, each with the line that corrects it; empty where only another profile or build helps.
+        """Return the differences, each with the line that corrects it; empty if only another profile or build helps.
 
         Of GRBL all is compared, of grblHAL what decides where, how fast and when the machine moves (`_TABLE`). What a
         controller has beside is no difference, nor is a setting of grblHAL alone that its build has not.
@@ -130,13 +130,13 @@ class GrblProfile(Record):
         return pairs
 
     def limits_off(self, found: Mapping[int, float], build: Sequence[str] = ()) -> list[int]:
-        """Numbers of the limits that the profile has on and the controller off, if nothing else differs."""
+        """Return numbers of the limits that the profile has on and the controller off, if nothing else differs."""
         off = [number for number in (SOFT_LIMITS, HARD_LIMITS) if self.settings[number] and found.get(number) == 0]
         is_all = not self.differences({**found, **{number: self.settings[number] for number in off}}, build)
         return off if is_all else []
 
     def with_settings(self, changes: Mapping[int, float]) -> "GrblProfile":
-        """A copy with some settings changed."""
+        """Return a copy with some settings changed."""
         return GrblProfile(settings={**self.settings, **changes}, max_step_rate_hz=self.max_step_rate_hz)
 
     def _vector(self, first: int) -> Vector:
@@ -173,7 +173,7 @@ class GrblProfile(Record):
         return self.settings[24] / SECONDS_PER_MINUTE
 
     def homes_to_plus_end(self, axis: int) -> bool:
-        """Whether axis 0, 1, 2 homes to its + end (bit of `$23` clear)."""
+        """Return whether axis 0, 1, 2 homes to its + end (bit of `$23` clear)."""
         return not int(self.settings[23]) >> axis & 1
 
 
@@ -182,7 +182,7 @@ DEADLINE_FACTOR = 1.5  # wall time slips on a loaded host
 
 
 def limit_along(direction: Sequence[float], limits: Sequence[float]) -> float:
-    """Largest speed (or acceleration) along a unit direction that breaks no axis limit; same unit as `limits`.
+    """Return the largest speed (or acceleration) along a unit direction within all axis limits; unit as in `limits`.
 
     >>> limit_along((0.6, 0.8, 0.0), (30.0, 80.0, 10.0))
     50.0
@@ -191,13 +191,13 @@ def limit_along(direction: Sequence[float], limits: Sequence[float]) -> float:
 
 
 def move_duration_s(distance_mm: float, speed_mm_per_s: float, acceleration_mm_per_s2: float) -> float:
-    """Ideal time of a move from rest to rest: trapezoid, or triangle when too short to reach the speed."""
+    """Return the ideal time of a move from rest to rest: trapezoid, or triangle if too short to reach the speed."""
     if distance_mm * acceleration_mm_per_s2 < speed_mm_per_s**2:
         return 2 * math.sqrt(distance_mm / acceleration_mm_per_s2)
     return distance_mm / speed_mm_per_s + speed_mm_per_s / acceleration_mm_per_s2
 
 
 def move_deadline_s(distance_mm: float, speed_mm_per_s: float, acceleration_mm_per_s2: float) -> float:
-    """Time after which a move counts as stuck."""
+    """Return the time after which a move counts as stuck."""
     ideal_s = move_duration_s(distance_mm, speed_mm_per_s, acceleration_mm_per_s2)
     return (ideal_s + CONTROLLER_DELAY_S) * DEADLINE_FACTOR

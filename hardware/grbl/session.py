@@ -73,12 +73,12 @@ class GrblSession:
         return is_kept and self.link.lost is None and self._trusted_epoch == self.link.epoch
 
     def trust(self) -> None:
-        """MPos is the true place from now on."""
+        """Trust MPos as the true place from now on."""
         self.watch.start()
         self._trusted_epoch = self.link.epoch
 
     def distrust(self) -> None:
-        """MPos means nothing until the next homing."""
+        """Distrust MPos: it means nothing until the next homing."""
         self._trusted_epoch = -1
 
     # Life
@@ -165,11 +165,11 @@ class GrblSession:
         return {m.number: m.value for m in self.query("$$", doing) if isinstance(m, Setting)}
 
     def must_prepare(self) -> None:
-        """The settings are about to differ from the profile: before the next homing they are put right."""
+        """Note that settings are about to differ from the profile: the next homing puts them right first."""
         self._is_prepared = False
 
     def prepare_again_if_needed(self) -> None:
-        """After an unasked restart, or a search for the switches: check the settings once more."""
+        """Check the settings once more after an unasked restart, or a search for the switches."""
         if not self._is_prepared or self._known_epoch != self.link.epoch:
             self.prepare()
 
@@ -233,11 +233,11 @@ class GrblSession:
             raise GrblReplyError(ticket.reply.code, ticket.line)
 
     def query(self, line: str, doing: str) -> list[Message]:
-        """What the controller says in answer to a `$` query, before its `ok`."""
+        """Return what the controller says in answer to a `$` query, before its `ok`."""
         return self.command(line, doing).messages
 
     def poll(self, doing: str, epoch: int | None = None) -> StatusReport:
-        """Fresh status report with a position.
+        """Return a fresh status report with a position.
 
         Args:
             doing: what the host is doing, for messages.
@@ -262,7 +262,7 @@ class GrblSession:
         return report
 
     def _look(self, doing: str, epoch: int) -> tuple[StatusReport, DeviceError | None]:
-        """A report with a position, and what speaks against a trusted one."""
+        """Return a report with a position, and what speaks against a trusted one."""
         asked_s = self.clock.now_s()
         report = self._ask(doing, epoch)
         if report is None:
@@ -274,7 +274,7 @@ class GrblSession:
         return report, self.watch.look(report, asked_s, self.clock.now_s(), doing)
 
     def _ask(self, doing: str, epoch: int) -> StatusReport | None:
-        """A status report, asked for up to three times."""
+        """Ask for a status report, up to three times."""
         for n in range(STATUS_ASKS):
             if n:
                 self.clock.sleep(ASK_AGAIN_S)
@@ -298,7 +298,7 @@ class GrblSession:
             raise GrblAlarmError(alarm, doing, self._stop_once(alarm))
 
     def _rouse(self, doing: str) -> None:
-        """Silent: it may be deaf in a critical alarm whose line was lost. One reset, then it is gone."""
+        """Reset a silent controller once, then it is gone: it may be deaf in a critical alarm whose line was lost."""
         self.distrust()
         self._is_prepared = False
         self.reset(doing)
@@ -322,7 +322,7 @@ class GrblSession:
         raise type(fault)(f"{fault}; the position is no longer trusted, home again.{self.stand_still()}") from None
 
     def _stop_once(self, alarm: int | None) -> str:
-        """After an ALARM or a banner: the first to hear it sees to it that the gantry stands. It may not be true."""
+        """See that the gantry stands after an ALARM or a banner: the first to hear it does. It may not be true."""
         with self._stopping:
             event = (self.link.epoch, alarm)
             if self._stopped_for == event:
@@ -333,7 +333,7 @@ class GrblSession:
             return told
 
     def stand_still(self, is_deaf: bool = False) -> str:
-        """Feed hold, then a soft reset at rest where lines are left; says what it did, or nothing.
+        """Send a feed hold, then a soft reset at rest where lines are left; say what was done, or nothing.
 
         A soft reset comes last, since in motion it switches the motors off. The position is lost if it was moving.
 
@@ -356,7 +356,7 @@ class GrblSession:
         return f" {STOPPED}" if was_moving else ""
 
     def slow_to_rest(self, doing: str) -> bool:
-        """Feed hold, and wait until nothing moves; False when it did not come to rest in time."""
+        """Send a feed hold, and wait until nothing moves; False when it did not come to rest in time."""
         epoch = self.link.epoch
         self.watch.let_end()
         self.link.send_real_time(*self.stop_codes)
@@ -368,7 +368,7 @@ class GrblSession:
         return True
 
     def reset(self, doing: str) -> None:
-        """Soft reset and its banner. At rest it keeps the position; in motion it costs it (ALARM:3).
+        """Send a soft reset and await its banner. At rest it keeps the position; in motion it costs it (ALARM:3).
 
         The firmware does not always say that alarm: one or two resets in motion of a hundred fall between its look at
         the alarm and its look at the reset, and then it is Idle and unlocked. So what was last reported counts too.
@@ -410,7 +410,7 @@ class GrblSession:
         return True
 
     def _is_unlocked(self) -> bool:
-        """Whether the controller is not in Alarm; after a reset without alarm, Alarm means it was powered up."""
+        """Return whether the controller is not in Alarm; after a reset without one, Alarm means it was powered up."""
         report = self.link.request_report(REPLY_TIMEOUT_S)
         return report is not None and report.state != "Alarm"
 

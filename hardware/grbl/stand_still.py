@@ -13,7 +13,7 @@ STOPPED = "It was moving all the same: this host stopped it with a feed hold, an
 
 
 def hold(link: GrblLink, clock: Clock, stop_codes: Sequence[RealTime], is_deaf: bool) -> tuple[bool, str | None]:
-    """Feed hold: whether it was moving, and the state in which it came to rest; None if it did not, or did not say so.
+    """Send a feed hold: return whether it moved, and in what state it came to rest; None if not, or if it did not say.
 
     Args:
         link: to the controller that is to stand.

@@ -35,7 +35,7 @@ class SwitchSearch:
         self._profile = profile
 
     def slip_mm(self, homed_mm: Sequence[float]) -> Vector:
-        """True place minus count, by axis, mm; as little as the reports allow, and `-BEYOND_MM` for any more.
+        """Return true place minus count, by axis, mm; as little as the reports allow, and `-BEYOND_MM` for any more.
 
         The carriage must stand where homing left it (`homed_mm`, MPos). Its position is not to be trusted afterwards.
 
@@ -65,7 +65,7 @@ class SwitchSearch:
         return sign * (expected_mm - min(max(expected_mm, low_mm), high_mm))
 
     def _search(self, axis: int, sign: int) -> tuple[float, float]:
-        """Last place before the switch closed and first after it, MPos mm; the second infinite if it stayed open."""
+        """Find last place before the switch closed and first after it, MPos mm; second infinite if it stayed open."""
         doing = f"looking for the {AXES[axis]} switch"
         start_mm = self._place(self._session.poll(doing), axis)
         way_mm = self._profile.pull_off_mm + BEYOND_MM

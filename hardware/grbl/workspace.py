@@ -32,7 +32,7 @@ class Workspace:
     def from_homed(
         cls, profile: GrblProfile, homed_mm: Sequence[float], size_mm: Sequence[float] = WORKSPACE_SIZE_MM
     ) -> "Workspace":
-        """Box of a controller that shows `homed_mm` after homing."""
+        """Return the box of a controller that shows `homed_mm` after homing."""
         origin, size = [], []
         for axis, homed in enumerate(homed_mm[: len(AXIS_NAMES)]):
             usable = min(size_mm[axis], profile.travel_mm[axis] - profile.pull_off_mm)
@@ -42,7 +42,7 @@ class Workspace:
 
     @classmethod
     def nominal(cls, profile: GrblProfile, size_mm: Sequence[float] = WORKSPACE_SIZE_MM) -> "Workspace":
-        """Box before homing: MPos as GRBL sets it by default."""
+        """Return the box before homing: MPos as GRBL sets it by default."""
         homed_mm = [
             -profile.pull_off_mm if profile.homes_to_plus_end(axis) else profile.pull_off_mm - profile.travel_mm[axis]
             for axis in range(len(AXIS_NAMES))
@@ -50,11 +50,11 @@ class Workspace:
         return cls.from_homed(profile, homed_mm, size_mm)
 
     def to_machine(self, place_mm: Sequence[float]) -> Vector:
-        """Machine position of a workspace place."""
+        """Return the machine position of a workspace place."""
         return tuple(place + origin for place, origin in zip(place_mm, self.origin_mm, strict=True))
 
     def from_machine(self, place_mm: Sequence[float]) -> Vector:
-        """Workspace place of a machine position (axes beyond z are ignored)."""
+        """Return the workspace place of a machine position (axes beyond z are ignored)."""
         return tuple([place - origin for place, origin in zip(place_mm, self.origin_mm, strict=False)])
 
     def check(self, place_mm: Sequence[float]) -> None:

@@ -125,7 +125,7 @@ class Reading(NamedTuple):
 
 @cache
 def decode_scale(register: int) -> Scale:
-    """Division and unit from register 40014 (division code in the low byte, unit code in the high byte).
+    """Decode division and unit from register 40014 (division code in the low byte, unit code in the high byte).
 
     Raises:
         DeviceError: unknown code, or a division other than 1, 0.1, 0.01, 0.001, 0.0001: drivers in the field disagree
@@ -149,23 +149,23 @@ def decode_scale(register: int) -> Scale:
 
 @cache
 def encode_scale(scale: Scale) -> int:
-    """Inverse of `decode_scale`."""
+    """Undo `decode_scale`."""
     return UNITS.index(scale.unit) << 8 | DIVISIONS.index(scale.division)
 
 
 @cache
 def _status(bits: int) -> Status:
-    """Status of a register; undocumented bits are dropped. Looked up, since making flags is slow."""
+    """Return the status of a register; undocumented bits are dropped. Looked up, since making flags is slow."""
     return Status(bits & 0x1FBF)
 
 
 def magnitude(word: int) -> int:
-    """Magnitude of a 32-bit weight; a firmware that sends two's complement is undone."""
+    """Return the magnitude of a 32-bit weight; a firmware that sends two's complement is undone."""
     return (1 << 32) - word if word & 0x80000000 else word
 
 
 def decode_measured(registers: list[int], scale: Scale, time_s: float = 0.0) -> Reading:
-    """Reading from the block of `N_MEASURED` registers that starts at `FIRST_MEASURED_REGISTER`."""
+    """Decode a reading from the block of `N_MEASURED` registers that starts at `FIRST_MEASURED_REGISTER`."""
     bits, gross, net, peak, _ = _MEASURED.unpack(_REGISTERS.pack(*registers))
     division = scale.division
     return Reading(
@@ -179,7 +179,7 @@ def decode_measured(registers: list[int], scale: Scale, time_s: float = 0.0) -> 
 
 
 def encode_measured(status: int, gross_counts: int, net_counts: int, peak_counts: int, scale: Scale) -> list[int]:
-    """Inverse of `decode_measured`, for signed counts; `status` is a plain number, its sign bits are set here."""
+    """Undo `decode_measured`, for signed counts; `status` is a plain number, its sign bits are set here."""
     signs = (gross_counts < 0) * _GROSS_NEGATIVE | (net_counts < 0) * _NET_NEGATIVE | (peak_counts < 0) * _PEAK_NEGATIVE
     magnitudes = abs(gross_counts), abs(net_counts), abs(peak_counts)
     return list(_REGISTERS.unpack(_MEASURED.pack(status | signs, *magnitudes, encode_scale(scale))))

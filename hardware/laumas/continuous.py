@@ -108,7 +108,7 @@ class ContinuousTransmitter:
         return self._scale.division * self.newton_per_unit
 
     def read_new(self) -> list[Reading]:
-        """Every string since the last call, oldest first; none if none came.
+        """Read every string since the last call, oldest first; none if none came.
 
         Raises:
             LinkLostError: the port is gone.
@@ -122,7 +122,7 @@ class ContinuousTransmitter:
         return [self._reading(time_s, string) for time_s, string in arrived]
 
     def tare(self) -> None:
-        """Software zero: the mean of a quarter of a second becomes zero, since this line takes no commands.
+        """Zero in software: the mean of a quarter of a second becomes zero, since this line takes no commands.
 
         Raises:
             DeviceError: nothing came, or the display shows an alarm.
@@ -149,7 +149,7 @@ class ContinuousTransmitter:
         return Reading(time_s, Status(0), gross, gross - self._zero, None, self._scale, string.alarm)
 
     def _take_bytes(self, data: bytes) -> None:
-        """Called by the transport's reader thread; never raises."""
+        """Take bytes from the transport's reader thread; never raise."""
         now_s = self._clock.now_s()
         strings = self._strings.feed(data)
         with self._arrived:

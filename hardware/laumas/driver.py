@@ -79,7 +79,7 @@ class LaumasTransmitter:
         return self._known_scale().division * self.newton_per_unit
 
     def read(self) -> Reading:
-        """One reading, in the instrument's unit. The caller decides what a fault bit means.
+        """Take one reading, in the instrument's unit. The caller decides what a fault bit means.
 
         It counts for the middle between question and answer. One that took longer than `LATE_S` (a busy host, a new
         connection after a time-out) could be of any moment in between, and is asked for again.
@@ -100,17 +100,17 @@ class LaumasTransmitter:
         return reading
 
     def read_new(self) -> list[Reading]:
-        """One reading, taken now: over Modbus the instrument is asked."""
+        """Take one reading now: over Modbus the instrument is asked."""
         return [self.read()]
 
     def tare(self) -> None:
-        """Semi-automatic tare (command 7), proven by the net flag, which an earlier tare is made to drop first."""
+        """Tare semi-automatically (command 7), proven by the net flag, which an earlier tare is made to drop first."""
         if self.read().status & Status.NET_SHOWN:
             self.show_gross()
         self._command(Command.TARE, is_net=True)
 
     def zero(self) -> None:
-        """Semi-automatic zero (command 8); the instrument allows it only in a small range."""
+        """Zero semi-automatically (command 8); the instrument allows it only in a small range."""
         self._command(Command.ZERO, is_net=None)
 
     def show_gross(self) -> None:

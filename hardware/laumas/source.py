@@ -33,7 +33,7 @@ class WeightSource(Protocol):
         ...
 
     def read_new(self) -> list[Reading]:
-        """Readings since the last call, oldest first, in the instrument's unit. The caller judges their faults."""
+        """Take readings since the last call, oldest first, in the instrument's unit. The caller judges their faults."""
         ...
 
     def tare(self) -> None:

@@ -40,7 +40,7 @@ class StringReader:
         self._received = b""
 
     def feed(self, data: bytes) -> list[WeightString]:
-        """Strings that `data` completes, oldest first."""
+        """Return strings that `data` completes, oldest first."""
         *lines, self._received = re.split(rb"[\r\n]", self._received + data)
         if len(self._received) > MAX_BUFFER:
             self._received = b""
@@ -56,7 +56,7 @@ class StringReader:
 
 
 def parse_line(line: bytes) -> WeightString | None:
-    """The string in one line without its end, or None."""
+    """Read the string in one line without its end, or return None."""
     if b"&" not in line:
         return _parse_characters(line)
     body, separator, check = line.rpartition(b"&")[2].rpartition(b"\\")
@@ -82,7 +82,7 @@ def _parse_characters(characters: bytes) -> WeightString | None:
 
 
 def check_of(body: bytes) -> bytes:
-    """XOR of all characters as two upper-case hex digits."""
+    """Return the XOR of all characters as two upper-case hex digits."""
     total = 0
     for character in body:
         total ^= character
@@ -90,7 +90,7 @@ def check_of(body: bytes) -> bytes:
 
 
 def encode_plain(string: WeightString) -> bytes:
-    """Six characters with CR LF."""
+    """Encode six characters with CR LF."""
     return _characters(string) + b"\r\n"
 
 
@@ -101,5 +101,5 @@ def _characters(string: WeightString) -> bytes:
 
 
 def least_baud_rate(rate_hz: float) -> int:
-    """Baud rate that so many strings a second need, as the manual says."""
+    """Return the baud rate that so many strings a second need, as the manual says."""
     return next((baud for most_hz, baud in LEAST_BAUD_RATES if rate_hz <= most_hz), LEAST_BAUD_RATES[-1][1])

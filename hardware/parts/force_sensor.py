@@ -100,7 +100,7 @@ class ForceSensor:
         return self._transmitter.resolution_n
 
     def read(self) -> ForceReading:
-        """The transmitter's present reading; waits for one if it sends by itself.
+        """Return the transmitter's present reading; wait for one if it sends by itself.
 
         Raises:
             SensorFaultError: a fault bit or alarm is on, the tare is gone, readings have stood still for
@@ -114,7 +114,7 @@ class ForceSensor:
             self._clock.sleep(0.5 / self.rate_hz)
 
     def read_new(self) -> list[ForceReading]:
-        """All readings since the last call, oldest first, each with its own time; asked ones are one, taken now.
+        """Return all readings since the last call, oldest first, each with its own time; asked ones are one, taken now.
 
         Raises:
             SensorFaultError, OverloadError: as `read`.
@@ -131,7 +131,7 @@ class ForceSensor:
         return forces
 
     def check_load(self) -> None:
-        """One look at what the head carries on its way; any other fault is found before the next grasp.
+        """Look once at what the head carries on its way; any other fault is found before the next grasp.
 
         Raises:
             OverloadError: the gross is at the cell's full scale.
@@ -157,7 +157,7 @@ class ForceSensor:
         self.forget()
 
     def zero(self, duration_s: float = 1.0) -> Baseline:
-        """Tare, then count net readings from their mean over `duration_s`; returns the baseline that was taken out."""
+        """Tare, then count net readings from their mean over `duration_s`; return the baseline that was taken out."""
         self.tare()
         baseline = self.baseline(duration_s)
         self._offset_n = baseline.net_n
@@ -169,7 +169,7 @@ class ForceSensor:
         self._heard_at_s = self._clock.now_s()
 
     def baseline(self, duration_s: float) -> Baseline:
-        """Mean and spread over a stretch of readings at the transmitter's rate."""
+        """Compute the mean and spread over a stretch of readings at the transmitter's rate."""
         self._transmitter.read_new()  # what came before this stretch
         self.forget()
         readings: list[ForceReading] = []
@@ -188,7 +188,7 @@ class ForceSensor:
         self._watch = _PeakWatch(self._peak_n)
 
     def peak_details(self) -> dict[str, float | str]:
-        """The instrument's peak after a lift, and in words how it contradicts the readings taken, if it does.
+        """Return the instrument's peak after a lift, and in words how it contradicts the readings taken, if it does.
 
         The instrument sees every conversion, the host only what it polled. Its peak is the largest since power-up
         (there is no confirmed command to reset it): if it rose during the lift it must be the largest reading, else it
@@ -205,7 +205,7 @@ class ForceSensor:
         return {"transmitter_peak_n": self._peak_n}
 
     def _is_overload(self, reading: Reading) -> bool:
-        """Whether the cell carries its full scale, by what it reports, or else by the gross."""
+        """Return whether the cell carries its full scale, by what it reports, or else by the gross."""
         if reading.fault:
             return reading.is_overload
         return abs(reading.gross * self._transmitter.newton_per_unit) >= self.full_scale_n
@@ -287,7 +287,7 @@ class _PeakWatch:
         self._largest_net_n = max(self._largest_net_n, net_n)
 
     def contradiction(self, peak_n: float, tolerance_n: float, resolution_n: float) -> str:
-        """What does not fit, in words, or an empty text."""
+        """Say in words what does not fit, or return an empty text."""
         before_n = self._peak_before_n
         seen_n = (self._largest_gross_n, self._largest_net_n)
         if before_n is None or -math.inf in seen_n:

@@ -94,7 +94,7 @@ class Gantry:
         return self._homed_place
 
     def slip_mm(self) -> Place:
-        """How far the carriage is from where the controller counts it (lost steps), mm; homed again afterwards.
+        """Return how far the carriage is from where the controller counts it (lost steps), mm; homed again afterwards.
 
         Drives to where homing ends, then each axis slowly onto its home switch. The head must be empty, and stands
         where homing leaves it afterwards.
@@ -128,7 +128,7 @@ class Gantry:
         return self._transport.log
 
     def position_mm(self) -> Place:
-        """Fresh place in the workspace; asks the controller each time (at most 40 times a second in real time).
+        """Ask the controller each time for a fresh place in the workspace (at most 40 times a second in real time).
 
         Raises:
             InterlockError: not homed, so the controller's numbers mean nothing.
@@ -138,7 +138,7 @@ class Gantry:
         return self._to_place(place_mm)
 
     def sample(self) -> GantrySample:
-        """Fresh place with its time and whether the gantry moves: one question to the controller."""
+        """Return the fresh place, its time and whether the gantry moves: one question to the controller."""
         before_s = self._clock.now_s()
         report = self._driver.status()
         self._require_position("tell its position")
@@ -147,11 +147,11 @@ class Gantry:
         return GantrySample(before_s + late_s, late_s, x, y, z, report.is_moving)
 
     def is_moving(self) -> bool:
-        """Whether anything moves now."""
+        """Return whether anything moves now."""
         return self._driver.is_moving()
 
     def status(self) -> StatusReport:
-        """The controller's own report, for the log and the bench view."""
+        """Return the controller's own report, for the log and the bench view."""
         return self._driver.status()
 
     # Moving
@@ -163,7 +163,7 @@ class Gantry:
         z_mm: float | None = None,
         speed_mm_per_s: float | None = None,
     ) -> None:
-        """Straight move; axes left out stay. Returns when the controller is idle at the target.
+        """Move straight; axes left out stay. Return when the controller is idle at the target.
 
         Args:
             x_mm: 0..1500.

@@ -54,13 +54,13 @@ class BenchLayout(Record):
     )
 
     def has_place(self, object_id: int) -> bool:
-        """Whether it is said where this object stands, and no own object has taken its place."""
+        """Return whether it is said where this object stands, and no own object has taken its place."""
         places = dict(self.own_objects)
         is_taken = object_id not in places and object_id in places.values()
         return 0 <= places.get(object_id, object_id) < self.n_places and not is_taken
 
     def place_of(self, object_id: int) -> int:
-        """Number of the place where an object stands.
+        """Return the number of the place where an object stands.
 
         Raises:
             UsageError: no such object, or an own object stands on its place.
@@ -80,7 +80,7 @@ class BenchLayout(Record):
         return place
 
     def object_xy_mm(self, object_id: int) -> tuple[float, float]:
-        """Centre of an object: row by row from the front left.
+        """Return the centre of an object: row by row from the front left.
 
         Raises:
             UsageError: no such object.
@@ -92,7 +92,7 @@ class BenchLayout(Record):
         return x, y
 
     def grasp_xy_mm(self, object_id: int, placement: Placement) -> tuple[float, float]:
-        """Place of the head for a grasp: the object then sits off the middle of the fingers as asked.
+        """Return the place of the head for a grasp: the object then sits off the middle of the fingers as asked.
 
         Raises:
             UsageError: no such object, or its place lies outside the workspace.
@@ -101,7 +101,7 @@ class BenchLayout(Record):
         return self._inside(f"Object {object_id}", x - placement.offset_x_mm, y - placement.offset_y_mm)
 
     def dock_xy_mm(self, slot: int) -> tuple[float, float]:
-        """Place of a dock slot.
+        """Return the place of a dock slot.
 
         Raises:
             UsageError: no such slot, or it lies outside the workspace.
@@ -120,12 +120,12 @@ class BenchLayout(Record):
         return x_mm, y_mm
 
     def travel_z_mm(self, design: Design) -> float:
-        """Height at which the tips of a design clear every object."""
+        """Return the height at which the tips of a design clear every object."""
         over_objects = self.mount_height_mm + self.object_height_mm + self.clearance_mm
         return min(over_objects + design.height_mm - self.head_offset_mm, self.top_z_mm)
 
     def grasp_z_mm(self, design: Design, setup: GraspSetup) -> float:
-        """Height at which the tips are `tip_below_mm` under the object's bottom.
+        """Return the height at which the tips are `tip_below_mm` under the object's bottom.
 
         Raises:
             UsageError: the grasp or the end of its longest lift lies outside the Z travel.
@@ -141,11 +141,11 @@ class BenchLayout(Record):
         return z_mm
 
     def tip_below_mm(self, design: Design, z_mm: float) -> float:
-        """How far the tips are under the objects' bottoms when the head is at `z_mm`; inverse of `grasp_z_mm`."""
+        """Return how far the tips are under the objects' bottoms, head at `z_mm`; inverse of `grasp_z_mm`."""
         return self.mount_height_mm + design.height_mm - self.head_offset_mm - z_mm
 
     def object_at(self, x_mm: float, y_mm: float, within_mm: float = 15.0) -> int | None:
-        """Object whose centre is within `within_mm` of the head in x and y, or None; as far as a grasp is offset."""
+        """Find the object centred within `within_mm` of the head in x and y, or None; as far as a grasp is offset."""
         own = {place: object_id for object_id, place in self.own_objects}
         for place in range(self.n_places):
             object_id = own.get(place, place)
@@ -155,7 +155,7 @@ class BenchLayout(Record):
         return None
 
     def dock_at(self, x_mm: float, y_mm: float, z_mm: float, within_mm: float = 1.0) -> int | None:
-        """Dock slot in which the head sits, or None."""
+        """Find the dock slot in which the head sits, or None."""
         if z_mm > self.dock_z_mm + within_mm or abs(y_mm - self.dock_y_mm) > within_mm:
             return None
         slot = round((x_mm - self.dock_first_x_mm) / self.dock_pitch_mm)

@@ -49,7 +49,7 @@ class BenchLimits(Record):
         setup.check_stroke()
 
     def can_make(self, setup: GraspSetup, placement: Placement = Placement()) -> bool:  # noqa: B008 - frozen record
-        """Whether `check` lets it pass."""
+        """Return whether `check` lets it pass."""
         try:
             self.check(setup, placement)
         except UsageError:

@@ -38,11 +38,11 @@ class Pneumatics:
             )
 
     def is_estop_pressed(self) -> bool:
-        """Emergency-stop input."""
+        """Read the emergency-stop input."""
         return not self._plc.read_bit(tags.ESTOP_OK_INPUT)
 
     def is_supply_ok(self) -> bool:
-        """Whether the air mains has its pressure."""
+        """Return whether the air mains has its pressure."""
         return self._plc.read_bit(tags.SUPPLY_OK_INPUT)
 
     def open_supply(self) -> None:
@@ -75,11 +75,11 @@ class Pneumatics:
         self._plc.write_many(tags.JOB_OBJECT_REGISTER, [object_id, repeat])
 
     def is_gripping(self) -> bool:
-        """Whether the gripper valve is on."""
+        """Return whether the gripper valve is on."""
         return self._plc.read_bit(tags.GRIP_OUTPUT)
 
     def pressure_psi(self) -> float:
-        """Measured gripper pressure in psi."""
+        """Return the measured gripper pressure in psi."""
         return self._plc.read_float(tags.PRESSURE_REGISTER)
 
     def grip(self) -> None:
@@ -135,7 +135,7 @@ class Pneumatics:
         self._clock.sleep(0.3)  # the jaws need the rest of the air out
 
     def _is_pressure_up(self) -> bool:
-        """The switch is set for the usual pressure; below it, the measured pressure must do."""
+        """Ask the switch, which is set for the usual pressure; below it, the measured pressure must do."""
         if self.supply_pressure_psi >= self._usual_pressure_psi:
             return self._plc.read_bit(tags.PRESSURE_OK_INPUT)
         return self.pressure_psi() >= self._lowest_psi

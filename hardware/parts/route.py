@@ -14,7 +14,7 @@ _LEAST_GAIN_S = 1e-9  # rounding must not let two orders swap for ever
 
 
 def shortest_tour(object_ids: Sequence[int], layout: BenchLayout | None = None) -> tuple[int, ...]:
-    """The objects in the order of a short round trip from the middle of the dock and back.
+    """Order the objects for a short round trip from the middle of the dock and back.
 
     From nearest neighbours, and from columns up and down, stretches are reversed (2-opt, Croes 1958) and single objects
     moved until neither shortens the way; the better of both is taken. Deterministic, the same for every tool, and
@@ -24,7 +24,7 @@ def shortest_tour(object_ids: Sequence[int], layout: BenchLayout | None = None) 
 
 
 def travel_s(points: Sequence[Point], profile: GrblProfile | None = None) -> float:
-    """Time to visit the places in order, at rest in each, at the profile's full speed."""
+    """Compute the time to visit the places in order, at rest in each, at the profile's full speed."""
     profile = profile or GrblProfile()
     return sum(_leg_s(a, b, profile) for a, b in zip(points, points[1:], strict=False))
 
@@ -70,7 +70,7 @@ def _nearest_first(leg_s: list[list[float]]) -> list[int]:
 
 
 def _up_and_down(places: Sequence[Point]) -> list[int]:
-    """Column by column, away from the dock and back."""
+    """Order the places column by column, away from the dock and back."""
     columns = sorted({x for x, _ in places[1:]})
 
     def rank(place: int) -> tuple[float, float]:

@@ -105,7 +105,7 @@ class BenchCondition:
 
 
 def safe_actions(condition: BenchCondition) -> tuple[SafeAction, ...]:
-    """Ordered actions into the safe state; pure, so it can be tested over every condition.
+    """List the ordered actions into the safe state; pure, so it can be tested over every condition.
 
     Motion first. Lock and grip are never switched: with the PLC out of reach they hold by themselves (bistable lock,
     check valve), else they are kept on purpose. After an emergency stop the hardware has acted: nothing is commanded.
@@ -150,7 +150,7 @@ class HeldCondition:
 
 
 def ending_actions(condition: HeldCondition) -> tuple[SafeAction, ...]:
-    """Ordered actions that end the safe state: lower, vent, raise. None without a person's word.
+    """List the ordered actions that end the safe state: lower, vent, raise. None without a person's word.
 
     A gripper in the air is lowered before it opens; where it cannot be (position unknown), it opens only if the person
     has taken the load. With the emergency stop pressed or the PLC out of reach nothing is commanded.
@@ -187,7 +187,7 @@ class Latch:
     was_reset: bool = True
 
     def step(self, is_fault: bool, may_be_ok: bool = True, reset: bool = False) -> "Latch":
-        """The latch after one look at its inputs."""
+        """Return the latch after one look at its inputs."""
         is_edge = reset and not self.was_reset
         is_ok = (self.is_ok or is_edge) and may_be_ok and not is_fault
         return Latch(is_ok, reset)

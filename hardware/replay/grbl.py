@@ -34,7 +34,7 @@ class ReplayEnded(BaseException):
 
 
 def split(data: bytes) -> tuple[list[bytes], bytes]:
-    r"""Pieces that GRBL takes one by one (real-time bytes, whole lines), and the unfinished line.
+    r"""Split into pieces that GRBL takes one by one (real-time bytes, whole lines), and the unfinished line.
 
     >>> split(b"\x90G1 ?X1\nG")
     ([b'\x90', b'?', b'G1 X1\n'], b'G')
@@ -52,7 +52,7 @@ def split(data: bytes) -> tuple[list[bytes], bytes]:
 
 
 def sessions_of(entries: Sequence[WireEntry]) -> list[list[Step]]:
-    """The recorded conversations, one for each opening of the port, which is their first step.
+    """Return the recorded conversations, one for each opening of the port, which is their first step.
 
     Older logs move without G53, which is the same where no work offset is set.
     """
@@ -89,7 +89,7 @@ class Controller(Recording):
         return not self.is_over and self.steps[self.next].sent == POLL
 
     def reply(self, data: bytes) -> bytes:
-        """What the controller says to `data`."""
+        """Return what the controller says to `data`."""
         pieces, self._rest = split(self._rest + data)
         return b"".join(self._reply_to(piece) for piece in pieces)
 
@@ -131,7 +131,7 @@ class Controller(Recording):
         return said
 
     def _until_banner(self, said: bytes) -> bytes:
-        """Up to the banner of a reset: another thread may have asked for the status before it came."""
+        """Play up to the banner of a reset: another thread may have asked for the status before it came."""
         more = b""
         while BANNER not in said + more and self.is_polled:
             more += self.steps[self.next].said
@@ -175,7 +175,7 @@ class ReplayTransport:
         self.say(self.controller.steps[0].said)
 
     def write(self, data: bytes) -> None:
-        """Send, and hear the answer; raises `ReplayEnded` when the recording has ended."""
+        """Send, and hear the answer; raise `ReplayEnded` when the recording has ended."""
         self.say(self.controller.reply(data))
         if self.controller.is_ended:
             raise ReplayEnded
@@ -186,7 +186,7 @@ class ReplayTransport:
             self._hear(said)
 
     def close(self) -> None:
-        """Nothing is heard any more."""
+        """Close, so that nothing is heard any more."""
         self.is_open = False
 
 
@@ -224,7 +224,7 @@ def replay_grbl(entries: Sequence[WireEntry], profile: GrblProfile | None = None
 
 
 def _play(driver: GrblDriver, transport: ReplayTransport, profile: GrblProfile) -> None:
-    """One session: connect, then action after action."""
+    """Play one session: connect, then action after action."""
     controller = transport.controller
     controller.ask("connecting", driver.connect)
     while not (controller.is_over or controller.is_ended):
@@ -241,7 +241,7 @@ def _play(driver: GrblDriver, transport: ReplayTransport, profile: GrblProfile) 
 
 
 def find_next_action(driver: GrblDriver, ahead: list[bytes], profile: GrblProfile) -> Action | None:
-    """What the host did when it sent `ahead`, as something to ask of the driver; None when nothing begins so."""
+    """Find what the host did when it sent `ahead`, as something to ask of the driver; None when nothing begins so."""
     first = ahead[0]
     if first == JOG_CANCEL:
         return "stopping a jog", driver.stop_jog
@@ -284,7 +284,7 @@ def _motion(driver: GrblDriver, line: bytes, profile: GrblProfile) -> Action | N
 def _speed_asked(
     driver: GrblDriver, target_mm: Sequence[float], speed_mm_per_s: float, profile: GrblProfile
 ) -> float | None:
-    """Speed to ask for; None for the fastest, which F shows rounded."""
+    """Return the speed to ask for; None for the fastest, which F shows rounded."""
     report = driver.session.link.report
     start_mm = (report.machine_mm or ()) if report is not None else ()
     way_mm = [target - start for target, start in zip(target_mm, start_mm, strict=False)]

@@ -41,7 +41,7 @@ class Request:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> "Request | None":
-        """Meaning of device id, function code and data; None for what no driver here sends."""
+        """Return the meaning of device id, function code and data; None for what no driver here sends."""
         if len(data) < 6 or data[1] not in _SPACES:
             return None
         device_id, function_code, address, count = struct.unpack(">BBHH", data[:6])
@@ -53,13 +53,13 @@ class Request:
 
 
 def is_tcp(entries: Sequence[WireEntry]) -> bool:
-    """Whether the log is of Modbus TCP: its frames state their length, those of RTU end in a check sum."""
+    """Return whether the log is of Modbus TCP: its frames state their length, those of RTU end in a check sum."""
     first = next((entry.data for entry in entries if entry.direction == "sent"), b"")
     return len(first) > _TCP_HEADER_BYTES and first[2:6] == struct.pack(">HH", 0, len(first) - _TCP_HEADER_BYTES)
 
 
 def steps_of(entries: Sequence[WireEntry]) -> list[Step]:
-    """Recorded requests with their answers (empty when none came), in order; without transaction numbers."""
+    """List recorded requests with their answers (empty when none came), in order; without transaction numbers."""
     start = 2 if is_tcp(entries) else 0
     steps: list[Step] = []
     for time_s, direction, data in entries:
@@ -78,7 +78,7 @@ class Device(Recording):
         self.is_tcp = is_tcp(entries)
 
     def reply(self, data: bytes) -> bytes | None:
-        """The recorded answer; None (hang up) where none came, or at a difference."""
+        """Return the recorded answer; None (hang up) where none came, or at a difference."""
         number, sent = (data[:2], data[2:]) if self.is_tcp else (b"", data)
         if self.outcome.difference is not None or self.is_over:
             return None
@@ -107,7 +107,7 @@ class _ReplayClient(ModbusTcpClient):
         self._said = b""
 
     def connect(self) -> bool:
-        """There is always a line."""
+        """Return True: there is always a line."""
         return True
 
     def send(self, request: bytes, addr: tuple | None = None) -> int:
@@ -116,7 +116,7 @@ class _ReplayClient(ModbusTcpClient):
         return len(request)
 
     def recv(self, size: int | None) -> bytes:
-        """The frame of its answer; raises `ConnectionException` where none came."""
+        """Return the frame of its answer; raise `ConnectionException` where none came."""
         if not self._said:
             raise ConnectionException("no answer")
         said, self._said = self._said, b""
@@ -138,7 +138,7 @@ def _play(link: ModbusLink, device: str, recorded: Device) -> None:
 
 
 def _plc_action(plc: ClickPlc, link: ModbusLink, request: Request) -> Callable[[], object]:
-    """The request by the PLC's native names, so that the address formulas are gone through."""
+    """Put the request in the PLC's native names, so that the address formulas are gone through."""
     if request.function_code == _WRITE_COIL:
         return _plain_action(link, request)
     for block in BLOCKS.values():
@@ -155,7 +155,7 @@ def _plc_action(plc: ClickPlc, link: ModbusLink, request: Request) -> Callable[[
 
 
 def _transmitter_action(transmitter: LaumasTransmitter, link: ModbusLink, request: Request) -> Callable[[], object]:
-    """Connecting and reading by the driver, so that its decoding meets what the instrument said."""
+    """Let the driver connect and read, so that its decoding meets what the instrument said."""
     asked = (request.function_code, request.address, request.count)
     if asked == (3, IDENTITY_REGISTER, N_IDENTITY):
         return transmitter.connect

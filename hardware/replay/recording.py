@@ -30,7 +30,7 @@ class Difference:
     doing: str
 
     def as_text(self) -> str:
-        """Both sides in hex and as text."""
+        """Return both sides in hex and as text."""
         return (
             f"first difference at {self.time_s:.6f} s while {self.doing}:\n"
             f"  recorded  {_both(self.recorded)}\n"
@@ -92,7 +92,7 @@ class Recording:
         return self.next == len(self.steps)
 
     def compare(self, sent: bytes) -> bytes | None:
-        """What the device said to `sent` then; None where something else was sent, which is noted."""
+        """Return what the device said to `sent` then; None where something else was sent, which is noted."""
         step = self.steps[self.next]
         if step.sent != sent:
             self.differ(sent)

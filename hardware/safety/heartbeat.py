@@ -82,7 +82,7 @@ class BeatingClock:
         logger.warning("Heartbeat lost in the safe state, the ladder's watchdog takes over: %s", lost)
 
     def wall_s(self, duration_s: float) -> float:
-        """Real seconds of the inner clock."""
+        """Return real seconds of the inner clock."""
         return self.inner.wall_s(duration_s)
 
     def add_listener(self, listener: Listener) -> None:

@@ -68,7 +68,7 @@ class Supervisor:
         return self._latch.is_ok
 
     def acknowledge(self, who: str) -> None:
-        """A person has looked and lets the bench work: the rising edge of the latch's reset.
+        """Note that a person has looked and lets the bench work: the rising edge of the latch's reset.
 
         Raises:
             EmergencyStopError: it is still pressed; the latch stays faulted.
@@ -87,7 +87,7 @@ class Supervisor:
             self._plc.connect()  # what the PLC was told before is void: a new session
 
     def require_ok(self) -> None:
-        """Raises InterlockError while the latch is faulted."""
+        """Raise InterlockError while the latch is faulted."""
         if not self.is_ok:
             raise InterlockError(f"The bench is latched in its safe state: {self.cause} Look, then acknowledge.")
 
@@ -99,14 +99,14 @@ class Supervisor:
             self._asked = verb
 
     def hear(self) -> None:
-        """Called by the bench's clock around every wait: raises StopAskedError in the guarded thread."""
+        """Raise StopAskedError in the guarded thread, if asked: the bench's clock calls this around every wait."""
         verb = self._asked
         if verb is not None and self.is_ok and self._guarded_thread == threading.get_ident():
             raise StopAskedError(verb)
 
     @contextmanager
     def guard(self) -> Iterator[None]:
-        """Everything that moves runs in here: any exception, Ctrl-C included, ends in the safe state.
+        """Guard everything that moves, run in here: any exception, Ctrl-C included, ends in the safe state.
 
         Raises:
             InterlockError: the latch is faulted; nothing was done.
@@ -148,7 +148,7 @@ class Supervisor:
     # Into the safe state
 
     def trip(self, error: BaseException) -> bool:
-        """Latch, and bring the bench into the safe state; says whether the emergency stop is pressed.
+        """Latch, and bring the bench into the safe state; say whether the emergency stop is pressed.
 
         Motion comes first, before the PLC is asked anything. A device that does not answer does not stop the others.
         Called again with the same error, on its way up, it does nothing.
@@ -200,7 +200,7 @@ class Supervisor:
     # Out of it
 
     def end_safe_state(self, who: str, is_load_taken: bool = False) -> tuple[SafeAction, ...]:
-        """A person confirmed: lower, vent, raise, as far as the bench can; then the latch is OK again.
+        """End the safe state (a person confirmed): lower, vent, raise, as far as possible; then the latch is OK again.
 
         `is_load_taken`: the person says that nothing hangs in the gripper, or holds it.
 
@@ -223,7 +223,7 @@ class Supervisor:
         return actions
 
     def make_ready_to_home(self, may_vent: MayVent) -> None:
-        """Homing lifts the head: a gripper that an earlier host left closed would pull its object along.
+        """Make ready to home, which lifts the head: a gripper an earlier host left closed would pull its object along.
 
         `may_vent`: a person has looked, and holds what hangs in it; or what asks one, with what was found.
 

@@ -71,11 +71,11 @@ class AirWatch:
             self._clock.sleep(AIR_POLL_S)
 
     def begin(self) -> None:
-        """The gripper is closed: its pressure must stay from now on."""
+        """Begin when the gripper is closed: its pressure must stay from now on."""
         self._readings.clear()
 
     def check(self) -> None:
-        """One look at the closed gripper.
+        """Look once at the closed gripper.
 
         Raises:
             GraspFaultError: the mains went, or the gripper leaks.
@@ -105,7 +105,7 @@ class TravelWatch:
     """The load cell while the head travels: what it meets there stops it at the cell's full scale."""
 
     def __init__(self, gantry: Gantry, force: ForceSensor, clock: Clock, is_free: Callable[[], bool]) -> None:
-        """`is_free`: whether no grasp is in progress, in which the cell itself says what an overload ends in."""
+        """Take `is_free`: whether no grasp is in progress, in which the cell itself says what an overload ends in."""
         self._gantry = gantry
         self._force = force
         self._clock = clock
@@ -146,7 +146,7 @@ class ZeroWatch:
         self._last_n: dict[str, float] = {}
 
     def check(self, tool_id: str, baseline: Baseline) -> float:
-        """Gross drift since the last grasp of this tool, N. The tare before each grasp takes it out of the trace.
+        """Return gross drift since this tool's last grasp, N. The tare before each grasp takes it out of the trace.
 
         Raises:
             InterlockError: more than `DRIFT_STOP_N` since the tool was first weighed, also in a longer look.
@@ -176,7 +176,7 @@ class ReleaseWatch:
         self._clock = clock
 
     def check(self, object_id: int, left_n: float, zero_n: float) -> float:
-        """Force left on the open gripper, N; waits and vents once more before it gives up.
+        """Return the force left on the open gripper, N; wait and vent once more before giving up.
 
         Args:
             object_id: the object that was gripped.
@@ -216,9 +216,9 @@ class GraspWatch:
         self.release = release
 
     def before_grasp(self) -> None:
-        """Air there. Raises LowAirError; no grasp has begun."""
+        """Check that air is there, or raise LowAirError; no grasp has begun."""
         self.air.wait_for_mains()
 
     def lifting(self) -> None:
-        """Twice a second in a lift. Raises GraspFaultError."""
+        """Check the closed gripper, twice a second in a lift. May raise GraspFaultError."""
         self.air.check()

@@ -59,7 +59,7 @@ def plan_time(
     profile: GrblProfile | None = None,
     from_slot: int | None = None,
 ) -> PlanTime:
-    """Time to pick a tool, make the items in order, and dock it.
+    """Compute the time to pick a tool, make the items in order, and dock it.
 
     Starts over the slot of the tool before (`from_slot`), or over its own, and ends over its own.
     """
@@ -74,7 +74,7 @@ def plan_time(
 
 
 def plan_asked_minutes(requests: Sequence[GraspRequest], designs: Mapping[str, Design]) -> float:
-    """Minutes of asked grasps in their order, tool after tool; the slots that they will have are not known yet.
+    """Plan minutes of asked grasps in their order, tool after tool; the slots they will have are not known yet.
 
     designs: by tool.
     """
@@ -84,7 +84,7 @@ def plan_asked_minutes(requests: Sequence[GraspRequest], designs: Mapping[str, D
 
 
 def add_up(parts: Iterable[Parts]) -> dict[str, float]:
-    """Sums part by part; what dominates comes first, and nothing is listed that takes no time."""
+    """Add up part by part; what dominates comes first, and nothing is listed that takes no time."""
     total: defaultdict[str, float] = defaultdict(float)
     for one in parts:
         for name, spent_s in one.items():
@@ -100,7 +100,7 @@ class _Model:
         self._at: Point = (0.0, 0.0, layout.top_z_mm)
 
     def pick(self, slot: int, from_slot: int) -> float:
-        """From over another slot, or the same, with an empty head."""
+        """Return the time to pick from over another slot, or the same, with an empty head."""
         self._at = (*self._layout.dock_xy_mm(from_slot), self._layout.top_z_mm)
         travel_s = self._to_xy(self._layout.dock_xy_mm(slot))
         weigh_s = tool_changer.WEIGH_S + tool_changer.SWING_S
@@ -108,14 +108,14 @@ class _Model:
         return travel_s + 2 * weigh_s + down_and_up_s + _LOCK_S + 2 * tool_changer.SENSOR_S
 
     def dock(self, slot: int) -> float:
-        """From the last grasp."""
+        """Return the time to dock from the last grasp."""
         spent_s = self._to_z(self._layout.top_z_mm)
         spent_s += self._to_xy(self._layout.dock_xy_mm(slot))
         spent_s += self._to_z(self._layout.dock_z_mm) + self._to_z(self._layout.top_z_mm)
         return spent_s + _LOCK_S + 2 * tool_changer.SENSOR_S
 
     def item(self, item: Item, setup: GraspSetup) -> Parts:
-        """One grasp."""
+        """Return the times of one grasp."""
         placement = item.placement if isinstance(item, GraspRequest) else Placement()
         object_id = item[0] if isinstance(item, tuple) else item.object_id
         if isinstance(item, GraspRequest):

@@ -43,7 +43,7 @@ class PositionCheck:
         self._supervisor = supervisor
 
     def run(self) -> Place:
-        """Slip by axis, mm, within the limit; a tool on the head is docked first.
+        """Return the slip by axis, mm, within the limit; a tool on the head is docked first.
 
         Raises:
             LostStepsError: beyond the limit; the bench is latched in its safe state, homed.

@@ -36,12 +36,12 @@ class GraspRecorder:
         self._lift_mm: list[float] = []
 
     def add_force(self, reading: ForceReading) -> None:
-        """One reading of the load cell."""
+        """Add one reading of the load cell."""
         self._force_s.append(reading.time_s)
         self._force_n.append(reading.net_n - self._baseline_n)
 
     def add_position(self, time_s: float, z_mm: float) -> None:
-        """Height of the head at a time."""
+        """Add the height of the head at a time."""
         self._position_s.append(time_s)
         self._lift_mm.append(z_mm - self.z_mm)
 
@@ -56,19 +56,19 @@ class GraspRecorder:
         return self._lift_mm[-1] if self._lift_mm else 0.0
 
     def recent_force_n(self, duration_s: float) -> np.ndarray:
-        """Readings of the last `duration_s`, tared, in N."""
+        """Return readings of the last `duration_s`, tared, in N."""
         if not self._force_s:
             return np.zeros(0)
         return np.array(self._force_n[bisect_left(self._force_s, self._force_s[-1] - duration_s) :])
 
     def is_contact_seen(self, threshold_n: float) -> bool:
-        """Whether the mean force over any `CONTACT_READINGS` in a row leaves `threshold_n` around zero."""
+        """Return whether the mean force over any `CONTACT_READINGS` in a row leaves `threshold_n` around zero."""
         force_n = np.array(self._force_n)
         n = min(CONTACT_READINGS, len(force_n))
         return n > 0 and bool(np.abs(np.convolve(force_n, np.full(n, 1.0 / n), mode="valid")).max() > threshold_n)
 
     def read(self, first: int) -> Trace:
-        """Samples from number `first` on as far as they go now, from any thread; see `GraspInView`."""
+        """Read samples from number `first` on as far as they go now, from any thread; see `GraspInView`."""
         found = read_samples(self._force_s, self._force_n, self._force_n, first)
         position_s, lift_mm = self._position_s[: len(self._lift_mm)], self._lift_mm[: len(self._position_s)]
         n = min(len(position_s), len(lift_mm))
@@ -76,7 +76,7 @@ class GraspRecorder:
         return Trace(found.time_s - self.start_s, lift, found.force_n)
 
     def trace(self) -> Trace:
-        """Trace with time from closing start and lift interpolated to the force's times.
+        """Return the trace with time from closing start and lift interpolated to the force's times.
 
         In steps no coarser than the instruments': time 0.1 ms (a reading is up to 12.5 ms old), lift 1 um (a step of
         the motor is 2.5 um), force one count of the transmitter, whose baseline thereby is a whole number of counts,
@@ -113,6 +113,6 @@ class GraspInView:
 def read_samples(
     time_s: Sequence[float], lift_mm: Sequence[float], force_n: Sequence[float], first: int, start_s: float = 0.0
 ) -> Trace:
-    """Samples from number `first` on, of channels that another thread appends to, `force_n` last."""
+    """Read samples from number `first` on, of channels that another thread appends to, `force_n` last."""
     part = slice(first, len(force_n))
     return Trace(np.array(time_s[part]) - start_s, np.array(lift_mm[part]), np.array(force_n[part]))

@@ -35,7 +35,7 @@ class Separation:
 
 
 def is_free(force_n: np.ndarray, noise_sd_n: float) -> bool:
-    """Whether the readings of the last `WINDOW_MM` of lift are those of a gripper that hangs free.
+    """Return whether the readings of the last `WINDOW_MM` of lift are those of a gripper that hangs free.
 
     Either the mean of their second half is back at zero, or all stand still within `DRIFT_LIMIT_N` of it.
 
@@ -51,7 +51,7 @@ def is_free(force_n: np.ndarray, noise_sd_n: float) -> bool:
 
 
 def find_separation(trace: Trace, noise_sd_n: float) -> Separation | None:
-    """The last lift at which the fingers still touched, or None when they never did, or still do at the end.
+    """Find the last lift at which the fingers still touched, or None when they never did, or still do at the end.
 
     The zero is taken to move in proportion to time, from the tare to the last millimetre of lift. A sample touches when
     the mean of the next 0.2 s leaves zero: looking ahead, the sudden end of a grasp is not smeared.
@@ -73,12 +73,12 @@ def find_separation(trace: Trace, noise_sd_n: float) -> Separation | None:
 
 
 def _end_n(force_n: np.ndarray) -> float:
-    """Mean over the second half of a window."""
+    """Compute the mean over the second half of a window."""
     return float(force_n[force_n.size // 2 :].mean())
 
 
 def _is_flat(force_n: np.ndarray, noise_sd_n: float) -> bool:
-    """No slope, and no more scatter around it than a free gripper has."""
+    """Return whether there is no slope, and no more scatter around it than a free gripper has."""
     place = np.linspace(-0.5, 0.5, force_n.size)
     change_n = float(place @ force_n) / max(float(place @ place), 1e-12)
     rest_n = force_n - force_n.mean() - change_n * place

@@ -171,7 +171,7 @@ class GraspStation:
             )
 
     def _measure(self, tool: MountedTool, grasp: "_GantryGrasp", on_grasp: Callable[[MeasuredGrasp], None]) -> None:
-        """One grasp, reported whatever its end; re-raises what the bench cannot go on with."""
+        """Make one grasp, reported whatever its end; re-raise what the bench cannot go on with."""
         self.present = grasp.view(tool.tool_id)
         grasp.details["wire_from_s"] = round(time.monotonic(), 3)  # the clock of the wire logs
         try:
@@ -209,7 +209,7 @@ class GraspStation:
         grasp.free_n = grasp.baseline.net_n - max(step_n, 0.0)
 
     def _prepare_air(self, grasp: "_GantryGrasp") -> None:
-        """Stroke recipe and supply pressure of this grasp, where they differ from those of the last one."""
+        """Set stroke recipe and supply pressure of this grasp, where they differ from those of the last one."""
         if grasp.setup != self._stroke:
             self._pneumatics.set_stroke(grasp.setup)
             self._stroke = grasp.setup
@@ -277,7 +277,7 @@ class GraspStation:
         )
 
     def _back_off(self, fault: FastError, grasp: "_GantryGrasp") -> None:
-        """After a failed grasp: stop and lower, so that nothing falls when the gripper opens."""
+        """Stop and lower after a failed grasp, so that nothing falls when the gripper opens."""
         logger.warning("Grasp on object %d failed: %s", grasp.object_id, fault)
         self._gantry.stop_lift()
         if grasp.recorder is None:
@@ -327,7 +327,7 @@ class GraspInProgress:
 
     @classmethod
     def of(cls, item: Item, setup: GraspSetup, details: Mapping[str, float | str]) -> Self:
-        """The grasp of a plan's item; `setup`: of ordinary ones."""
+        """Return the grasp of a plan's item; `setup`: of ordinary ones."""
         if isinstance(item, GraspRequest):
             return cls(item.object_id, item.repeat, item.setup, dict(details), item)
         return cls(*item, setup, dict(details))
@@ -338,16 +338,16 @@ class GraspInProgress:
         return Placement() if self.request is None else self.request.placement
 
     def read(self, first: int) -> Trace:
-        """Its samples from number `first` on, from any thread."""
+        """Read its samples from number `first` on, from any thread."""
         raise NotImplementedError
 
     def view(self, tool_id: str) -> GraspInView:
-        """The grasp for those who look on."""
+        """Return the grasp for those who look on."""
         purpose = "asked for" if self.request is not None else ""
         return GraspInView(tool_id, self.object_id, self.repeat, self.started_at, self.read, purpose)
 
     def check_tool(self, slot: int, tool: MountedTool) -> None:
-        """Raises UsageError where it is asked of another tool than that of the slot."""
+        """Raise UsageError where it is asked of another tool than that of the slot."""
         if self.request is not None and self.request.tool_id != tool.tool_id:
             wanted = f"A grasp of tool {self.request.tool_id} is asked for"
             raise UsageError(f"{wanted}, but slot {slot} holds {tool.tool_id}; mount the tool that is asked for.")
@@ -360,7 +360,7 @@ class GraspInProgress:
         )
 
     def measured(self, trace: Trace, tare_n: float, sd_n: float) -> MeasuredGrasp:
-        """The grasp as measured; failed when a reason was noted. sd_n: of a reading of the free gripper."""
+        """Return the grasp as measured; failed when a reason was noted. sd_n: of a reading of the free gripper."""
         self.details.update(end=self.end, baseline_sd_n=sd_n)
         separation = find_separation(trace, sd_n) if self.end == "separated" else None
         if separation is not None:
@@ -391,11 +391,11 @@ class _GantryGrasp(GraspInProgress):
     """What was recorded; None before the jaws close."""
 
     def read(self, first: int) -> Trace:
-        """Its samples from number `first` on, from any thread."""
+        """Read its samples from number `first` on, from any thread."""
         return NOTHING if self.recorder is None else self.recorder.read(first)
 
     def result(self) -> MeasuredGrasp:
-        """The grasp as measured."""
+        """Return the grasp as measured."""
         trace = self.recorder.trace() if self.recorder is not None else NOTHING
         self.details.update(baseline_net_n=self.baseline.net_n)
         grasp = self.measured(trace, self.baseline.gross_n, self.baseline.sd_n)
@@ -404,7 +404,7 @@ class _GantryGrasp(GraspInProgress):
 
 
 def closing_s(setup: GraspSetup) -> float:
-    """Time the jaws take to their stop."""
+    """Return the time the jaws take to their stop."""
     return max(setup.open_gap_mm - setup.closed_gap_mm, 0.0) / 2 / setup.close_speed_mm_per_s
 
 

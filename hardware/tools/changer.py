@@ -56,16 +56,16 @@ class ToolChanger:
         self._layout = layout
 
     def is_locked(self) -> bool:
-        """Lock-closed sensor."""
+        """Read the lock-closed sensor."""
         return self._plc.read_bit(tags.LOCK_CLOSED_INPUT)
 
     def full_slots(self) -> list[int]:
-        """Dock slots whose presence sensor is on."""
+        """List the dock slots whose presence sensor is on."""
         bits = self._plc.read_bits(tags.FIRST_DOCK_INPUT, tags.N_DOCK_SLOTS)
         return [slot for slot, is_full in enumerate(bits) if is_full]
 
     def status(self) -> ToolStatus:
-        """Where the tool is, from journal and sensors, and the one safe way on. The head must be outside the dock."""
+        """Tell from journal and sensors where the tool is and the one safe way on. The head must be out of the dock."""
         is_closed, is_open, is_present, *_ = self._plc.read_bits(tags.FIRST_INPUT, tags.N_INPUTS)
         sensors = HeadSensors(is_present, is_closed, is_open, tuple(self.full_slots()))
         return judge(self.journal.last, sensors, self.tools)
@@ -108,7 +108,7 @@ class ToolChanger:
         return status.slot
 
     def note_tool(self, slot: int | None, person: str) -> ToolStatus:
-        """A person has looked and says which slot's tool is on the head, or that none is. Nothing moves.
+        """Note which slot's tool a person who has looked says is on the head, or that none is. Nothing moves.
 
         Raises:
             InterlockError: the sensors still contradict it; nothing was noted.
@@ -228,7 +228,7 @@ class ToolChanger:
             )
 
     def _leave_dock(self) -> None:
-        """Up, when an error left the head in the dock: with an open lock the tool stays, with a closed one it comes."""
+        """Go up, when an error left the head in the dock: an open lock leaves the tool, a closed one takes it along."""
         if self._plc.read_bit(tags.HEAD_IN_DOCK_INPUT):
             self.check_may_rise()
             self._gantry.move_to(z_mm=self._layout.top_z_mm)
@@ -254,7 +254,7 @@ class ToolChanger:
         self._proven_slot = transaction.slot
 
     def _check_same_tool(self, tool: MountedTool) -> None:
-        """The first time a session meets a tool on the head, weigh it against the empty head of an earlier one."""
+        """Weigh a tool that a session first meets on the head against the empty head of an earlier one."""
         last = self.journal.last
         free_n = last.values.get("free_n") if last is not None else None
         if last is None or free_n is None or self._proven_slot == last.slot:
@@ -290,7 +290,7 @@ class ToolChanger:
         )
 
     def _who_weighs(self, gained_n: float) -> str:
-        """Which other tool of the table it could be."""
+        """Say which other tool of the table it could be."""
         masses_n = {slot: force_n_from_kg(tool.expected_mass_kg) for slot, tool in self.tools.items()}
         alike = [slot for slot, mass_n in masses_n.items() if abs(gained_n - mass_n) <= MASS_TOLERANCE * mass_n]
         if not alike:

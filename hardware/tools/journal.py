@@ -72,7 +72,7 @@ class Journal:
         self._write({"end": end})
 
     def note_tool(self, slot: int | None, person: str) -> None:
-        """A person has looked: this slot's tool is on the head, or none."""
+        """Note what a person who has looked says: this slot's tool is on the head, or none."""
         self._write(
             {"verb": "told", "slot": slot, "tool_id": "", "person": person, "free_n": self._free_n, "end": "done"}
         )
@@ -96,7 +96,7 @@ class Journal:
 
 
 def _after(last: Transaction | None, record: Mapping[str, Any]) -> Transaction:
-    """The transaction after one more line."""
+    """Return the transaction after one more line."""
     measured = {key: float(value) for key, value in record.items() if key.endswith("_n")}
     if "verb" in record:
         return Transaction(record["verb"], record["slot"], record["tool_id"], values=measured, end=record.get("end"))

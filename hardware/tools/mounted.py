@@ -26,7 +26,7 @@ class MountedTool:
 
 
 def estimate_tool_mass_kg(design: Design) -> float:
-    """Mass of adaptor and both fingers, from wall lengths; good to a few per cent of the whole tool.
+    """Estimate the mass of adaptor and both fingers, from wall lengths; good to a few per cent of the whole tool.
 
     Each finger is a front wall, a back wall, the ribs at mid length, a triangular tip and a rigid base.
     """

@@ -51,7 +51,7 @@ class ToolStatus:
 
 
 def judge(last: Transaction | None, sensors: HeadSensors, tools: Mapping[int, MountedTool]) -> ToolStatus:
-    """Where the tool is. `last`: the journal's last transaction; `tools`: the tool table, which is the truth."""
+    """Judge where the tool is. `last`: the journal's last transaction; `tools`: the tool table, which is the truth."""
     empty = sorted(set(tools) - set(sensors.full_slots))
     if sensors.is_tool_present:
         return _judge_full_head(last, sensors, empty, tools)

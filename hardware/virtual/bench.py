@@ -175,7 +175,7 @@ class VirtualBench:
                 self._refresh()
 
     def _solve_now(self, request: PhysicsRequest) -> "Future[GraspSimulation]":
-        """Physics in the thread that waits on the clock; a defect in it surfaces there."""
+        """Solve the physics in the thread that waits on the clock; a defect in it surfaces there."""
         answer: Future[GraspSimulation] = Future()
         try:
             answer.set_result(self._physics(request))
@@ -184,13 +184,13 @@ class VirtualBench:
         return answer
 
     def _solve_later(self, request: PhysicsRequest) -> "Future[GraspSimulation]":
-        """Physics in a worker, so that the servers keep answering."""
+        """Solve the physics in a worker, so that the servers keep answering."""
         if self._worker is None:
             self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="virtual-physics")
         return self._worker.submit(self._solve_guarded, request)
 
     def _solve_guarded(self, request: PhysicsRequest) -> GraspSimulation:
-        """A defect of the physics must not end the world's thread: it becomes a failed grasp, with its traceback."""
+        """Solve; a defect of the physics must not end the world's thread: it becomes a failed grasp, with traceback."""
         try:
             return self._physics(request)
         except SimulationFailed:

@@ -133,7 +133,7 @@ class VirtualClick:
         self._drive(supply=False)
 
     def _drive(self, supply: bool) -> None:
-        """Valves as their coils leave them: bistable ones stay without current."""
+        """Drive the valves as their coils leave them: bistable ones stay without current."""
         setpoint_psi = float(self._get(tags.SUPPLY_SETPOINT_REGISTER))
         self._world.set_outputs(self._lock_valve, self._grip_valve, supply, setpoint_psi)
 
@@ -179,11 +179,11 @@ class VirtualClick:
         self._drive(supply)
 
     def _sees(self, now_s: float) -> tuple[object, ...]:
-        """All that the outcome of a scan depends on."""
+        """Return all that the outcome of a scan depends on."""
         return (self._n_writes, self.server.n_connections, self._is_host_alive(now_s), self._world.input_state)
 
     def _begin(self) -> None:
-        """The first scan after power-up or STOP: forget the session and all requests, move no valve."""
+        """Do the first scan after power-up or STOP: forget the session and all requests, move no valve."""
         self._is_first_scan = False
         self._n_scans = 0
         self._set(tags.SCAN_COUNTER_REGISTER, 0)
@@ -196,14 +196,14 @@ class VirtualClick:
         self._set(tags.GRIP_OUTPUT, bool(self._get(tags.PRESSURE_OK_INPUT)))
 
     def _ladder_lock(self) -> bool:
-        """Bistable: closes on request, opens on request only while the head sits in a dock."""
+        """Decide on the bistable lock: close on request, open on request only while the head sits in a dock."""
         if self._get(tags.LOCK_REQUEST):
             return True
         may_open = self._get(tags.UNLOCK_REQUEST) and self._get(tags.HEAD_IN_DOCK_INPUT)
         return bool(self._get(tags.LOCK_OUTPUT)) and not may_open
 
     def _ladder_grip(self, is_estop_ok: bool) -> bool:
-        """Latched: closes on request if nothing forbids it, opens on request, else stays."""
+        """Decide on the latched grip: close on request if nothing forbids it, open on request, else stay."""
         if self._get(tags.VENT_REQUEST):
             return False
         if self._get(tags.GRIP_REQUEST) and is_estop_ok:
@@ -211,7 +211,7 @@ class VirtualClick:
         return bool(self._get(tags.GRIP_OUTPUT))
 
     def _watch_heartbeat(self, first_due_s: float, now_s: float) -> bool:
-        """Whether the host is alive; what changed since the last scan was seen by the first scan that was due."""
+        """Return whether the host is alive; the first scan due saw what changed since the last scan."""
         beat = int(self._get(tags.HEARTBEAT_REGISTER))
         if beat != self._last_heartbeat:
             self._last_heartbeat, self._heartbeat_at_s, self._had_host = beat, first_due_s, True
@@ -249,7 +249,7 @@ class VirtualClick:
     # The Modbus side
 
     def read_bits(self, space: str, address: int, count: int) -> list[bool] | None:
-        """Bits of `coil` or `discrete`."""
+        """Read bits of `coil` or `discrete`."""
         legal = _LEGAL["coil" if space == "coil" else "discrete"]
         wires = range(address, address + count)
         if any(wire not in legal for wire in wires):
@@ -260,7 +260,7 @@ class VirtualClick:
             return [any(self._memory.get((key, wire), 0) for key in spaces) for wire in wires]
 
     def read_registers(self, space: str, address: int, count: int) -> list[int] | None:
-        """Registers of `holding` or `input`."""
+        """Read registers of `holding` or `input`."""
         key: Space = "holding" if space == "holding" else "input"
         wires = range(address, address + count)
         if any(wire not in _LEGAL[key] for wire in wires):
@@ -270,7 +270,7 @@ class VirtualClick:
             return [self._memory.get((key, wire), 0) for wire in wires]
 
     def write_bits(self, address: int, values: list[bool]) -> bool:
-        """Coils Y and C, and the few system bits that take writes."""
+        """Write coils Y and C, and the few system bits that take writes."""
         wires = range(address, address + len(values))
         keys = [self._writable_bit(wire) for wire in wires]
         if None in keys:
@@ -286,7 +286,7 @@ class VirtualClick:
         return next(((space, wire) for space in spaces if wire in _WRITABLE[space]), None)
 
     def write_registers(self, address: int, values: list[int]) -> bool:
-        """Holding registers; writing the job label starts the world's next grasp."""
+        """Write holding registers; writing the job label starts the world's next grasp."""
         wires = range(address, address + len(values))
         if any(wire not in _WRITABLE["holding"] for wire in wires):
             return False
@@ -316,7 +316,7 @@ class VirtualClick:
 
 
 def recipe_values(setup: GraspSetup) -> list[float]:
-    """The five recipe registers of a setup, in their order."""
+    """Return the five recipe registers of a setup, in their order."""
     return [
         setup.open_gap_mm,
         setup.closed_gap_mm,

@@ -86,7 +86,7 @@ def _unplug_transmitter(bench: FaultyBench) -> None:
 
 
 def _press_estop(bench: FaultyBench) -> None:
-    """The button opens the PLC's input and takes the controller's power."""
+    """Press the button, which opens the PLC's input and takes the controller's power."""
     bench.state.inject("estop_pressed")
     bench.grbl.inject("power_cut")
 
@@ -142,7 +142,7 @@ FAULTS: dict[str, BenchFault] = {
 
 
 def find_fault(name: str) -> BenchFault:
-    """The fault of a name.
+    """Find the fault of a name.
 
     Raises:
         UsageError: there is none.

@@ -65,7 +65,7 @@ class DigitalFilter:
         self._n_refreshes = self._refresh_at(now_s)
 
     def add(self, value: float, now_s: float) -> None:
-        """One reading, which stands for the time since the last one."""
+        """Add one reading, which stands for the time since the last one."""
         self._readings.append((now_s, value))
         start_s = now_s - self.response_s
         while len(self._readings) > 2 and self._readings[1][0] <= start_s:
@@ -135,7 +135,7 @@ class VirtualLaumas:
         self._peak_counts = max(self._peak_counts, self._gross_counts() - self._tare_counts)
 
     def send_string(self) -> bytes:
-        """What the display shows, as the continuous mode sends it: the gross, or an alarm."""
+        """Send what the display shows, as the continuous mode does: the gross, or an alarm."""
         with self._lock:
             self._refresh()
             gross = self._gross_counts()
@@ -144,11 +144,11 @@ class VirtualLaumas:
         return self.encode_string(string)
 
     def read_bits(self, space: str, address: int, count: int) -> list[bool] | None:
-        """The instrument has no bits."""
+        """Return None: the instrument has no bits."""
         return None
 
     def read_registers(self, space: str, address: int, count: int) -> list[int] | None:
-        """Holding registers 40001-40080, at most 32 in a request."""
+        """Read holding registers 40001-40080, at most 32 in a request."""
         if space != "holding" or count > MAX_REGISTERS_PER_REQUEST or address + count > N_REGISTERS:
             return None
         with self._lock:
@@ -158,11 +158,11 @@ class VirtualLaumas:
             return self._block[address : address + count]
 
     def write_bits(self, address: int, values: list[bool]) -> bool:
-        """The instrument has no coils."""
+        """Return False: the instrument has no coils."""
         return False
 
     def write_registers(self, address: int, values: list[int]) -> bool:
-        """Commands; unknown ones are ignored as the instrument does."""
+        """Take commands; unknown ones are ignored as the instrument does."""
         if address != COMMAND_REGISTER:
             return False
         with self._lock:

@@ -34,7 +34,7 @@ class Reply:
     function_code: int = 0
 
     def isError(self) -> bool:
-        """Whether the device refused."""
+        """Return whether the device refused."""
         return self.exception_code != 0
 
 
@@ -51,38 +51,38 @@ class MemoryModbusClient:
         self._frame = b""
 
     def connect(self) -> bool:
-        """There is a line while the server runs."""
+        """Return whether there is a line: there is one while the server runs."""
         return self._server.is_running
 
     def close(self) -> None:
-        """Nothing to close."""
+        """Do nothing: there is nothing to close."""
 
     def send(self, reply: bytes) -> None:
-        """Called by the server: the frame of its answer."""
+        """Take the frame of the server's answer; called by the server."""
         self._frame = reply
 
     def read_coils(self, address: int, *, count: int, device_id: int) -> Reply:
-        """FC01."""
+        """Read coils (FC01)."""
         return self._ask(_READ.pack(1, address, count), device_id)
 
     def read_discrete_inputs(self, address: int, *, count: int, device_id: int) -> Reply:
-        """FC02."""
+        """Read discrete inputs (FC02)."""
         return self._ask(_READ.pack(2, address, count), device_id)
 
     def read_holding_registers(self, address: int, *, count: int, device_id: int) -> Reply:
-        """FC03."""
+        """Read holding registers (FC03)."""
         return self._ask(_READ.pack(3, address, count), device_id)
 
     def read_input_registers(self, address: int, *, count: int, device_id: int) -> Reply:
-        """FC04."""
+        """Read input registers (FC04)."""
         return self._ask(_READ.pack(4, address, count), device_id)
 
     def write_coil(self, address: int, value: bool, *, device_id: int) -> Reply:
-        """FC05."""
+        """Write a coil (FC05)."""
         return self._ask(_READ.pack(5, address, 0xFF00 if value else 0), device_id)
 
     def write_registers(self, address: int, values: list[int], *, device_id: int) -> Reply:
-        """FC16."""
+        """Write registers (FC16)."""
         n = len(values)
         return self._ask(_WRITE_MANY.pack(16, address, n, 2 * n) + struct.pack(f">{n}H", *values), device_id)
 
@@ -100,7 +100,7 @@ class MemoryModbusClient:
 
 
 def memory_link(name: str, server: ModbusServerThread) -> ModbusLink:
-    """A link to a virtual device of this process."""
+    """Make a link to a virtual device of this process."""
     return ModbusLink(name, lambda trace: cast(Client, MemoryModbusClient(server, trace)))
 
 

@@ -27,10 +27,10 @@ class RegisterMap(Protocol):
         """Function codes that the device knows; others are answered with exception 1."""
 
     def read_bits(self, space: str, address: int, count: int) -> list[bool] | None:
-        """Bits of a space (`coil` or `discrete`)."""
+        """Read bits of a space (`coil` or `discrete`)."""
 
     def read_registers(self, space: str, address: int, count: int) -> list[int] | None:
-        """Registers of a space (`holding` or `input`)."""
+        """Read registers of a space (`holding` or `input`)."""
 
     def write_bits(self, address: int, values: list[bool]) -> bool:
         """Write coils; False where there are none."""
@@ -47,7 +47,7 @@ class _RefusedError(Exception):
 
 
 def reply_to_pdu(registers: RegisterMap, pdu: bytes) -> bytes:
-    """Answer to the PDU of one request; an empty one gets no answer."""
+    """Answer the PDU of one request; an empty one gets no answer."""
     if not pdu:
         return b""
     function = pdu[0]
@@ -109,11 +109,11 @@ def _write_many(registers: RegisterMap, function: int, address: int, count: int,
 
 
 def pack_bits(bits: list[bool]) -> bytes:
-    """Bits as Modbus packs them: the first in the lowest bit of the first byte."""
+    """Pack bits as Modbus does: the first in the lowest bit of the first byte."""
     number = sum(1 << i for i, bit in enumerate(bits) if bit)
     return number.to_bytes((len(bits) + 7) // 8, "little")
 
 
 def unpack_bits(data: bytes, count: int) -> list[bool]:
-    """Inverse of `pack_bits`."""
+    """Undo `pack_bits`."""
     return [bool(data[i // 8] >> i % 8 & 1) for i in range(count)]

@@ -24,7 +24,7 @@ _LENGTH_BYTE = 6  # of the writes of many: how many bytes of data follow
 
 
 def crc16(data: bytes) -> int:
-    """Modbus CRC of a frame."""
+    """Compute the Modbus CRC of a frame."""
     crc = 0xFFFF
     for byte in data:
         crc ^= byte
@@ -34,12 +34,12 @@ def crc16(data: bytes) -> int:
 
 
 def with_crc(body: bytes) -> bytes:
-    """Frame of a body: CRC appended, low byte first."""
+    """Make the frame of a body: CRC appended, low byte first."""
     return body + struct.pack("<H", crc16(body))
 
 
 def has_crc(frame: bytes) -> bool:
-    """Whether a frame ends with its own CRC."""
+    """Return whether a frame ends with its own CRC."""
     return with_crc(frame[:-2]) == frame
 
 
@@ -92,7 +92,7 @@ class RtuServerThread:
                 received = b""
 
     def reply(self, frame: bytes) -> bytes:
-        """Answer to one frame; none to a damaged frame or one for another device."""
+        """Answer one frame; give none to a damaged frame or one for another device."""
         if len(frame) < _SHORTEST_FRAME or not has_crc(frame) or frame[0] != self._device_id:
             return b""
         return with_crc(frame[:1] + reply_to_pdu(self._registers, frame[1:-2]))
@@ -103,7 +103,7 @@ class RtuServerThread:
 
 
 def _frame_length(received: bytes) -> int | None:
-    """Length of the frame that begins here, or None while that cannot be known."""
+    """Return the length of the frame that begins here, or None while that cannot be known."""
     if len(received) < 2:
         return None
     if received[1] in (WRITE_COILS, WRITE_REGISTERS):

@@ -44,7 +44,7 @@ class _Connection(asyncio.Protocol):
                 transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The client has gone."""
+        """Forget the client, which has gone."""
         self._owner.dismiss(self)
 
     def data_received(self, data: bytes) -> None:

@@ -31,12 +31,12 @@ class WireEntry(NamedTuple):
     data: bytes
 
     def as_text(self) -> str:
-        """One line for people and files."""
+        """Return one line for people and files."""
         return f"{self.time_s:.6f} {_MARKS[self.direction]} {self.data!r}"
 
     @classmethod
     def from_text(cls, line: str) -> "WireEntry":
-        """Inverse of `as_text`.
+        """Undo `as_text`.
 
         Raises:
             ValueError: the line is torn or is none of a wire log.
@@ -81,19 +81,19 @@ class WireLog:
         self.record("note", text.encode())
 
     def entries(self) -> tuple[WireEntry, ...]:
-        """What is in memory, oldest first."""
+        """Return what is in memory, oldest first."""
         with self._lock:
             entries = tuple(self._entries)
         return tuple(map(WireEntry._make, entries))
 
     def keep_for_writing(self) -> None:
-        """From now on hold what `take_unwritten` has not fetched yet, up to the capacity; what is there counts too."""
+        """Hold from now on what `take_unwritten` has not yet fetched, up to the capacity; what is there counts too."""
         with self._lock:
             if self._unwritten is None:
                 self._unwritten = self._entries.copy()
 
     def take_unwritten(self) -> tuple[deque[WireEntry], int]:
-        """Pieces since the last call, oldest first, and how many before them were lost because nobody fetched them."""
+        """Take the pieces since the last call, oldest first, and how many before were lost, as nobody fetched them."""
         with self._lock:
             taken, self._unwritten = self._unwritten or deque(), deque(maxlen=self._entries.maxlen)
             n_lost, self._n_lost = self._n_lost, 0

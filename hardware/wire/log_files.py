@@ -50,12 +50,12 @@ class WireHeader:
     monotonic_s: float
 
     def as_text(self) -> str:
-        """The line, without its end."""
+        """Return the line, without its end."""
         return HEADER_START + json.dumps({"format": FORMAT, **self.__dict__})
 
     @classmethod
     def from_text(cls, line: str) -> "WireHeader":
-        """Inverse of `as_text`.
+        """Undo `as_text`.
 
         Raises:
             ValueError: not the first line of a wire log, or of a later format.
@@ -71,7 +71,7 @@ class WireHeader:
             raise ValueError("its header lacks a key or has an unknown one") from error
 
     def wall_time(self, time_s: float) -> datetime:
-        """Wall-clock time of a time in the log, in UTC."""
+        """Return the wall-clock time of a time in the log, in UTC."""
         return datetime.fromisoformat(self.wall) + timedelta(seconds=time_s - self.monotonic_s)
 
 
@@ -221,7 +221,7 @@ class RecordedWire:
 
 
 def read_log(path: Path) -> RecordedWire:
-    """One file. A last line that a power cut tore is left out.
+    """Read one file. A last line that a power cut tore is left out.
 
     Raises:
         UsageError: the file cannot be read, or is no wire log; names the line.
@@ -239,7 +239,7 @@ def read_log(path: Path) -> RecordedWire:
 
 
 def read_header(path: Path) -> WireHeader:
-    """What the first line of a file says.
+    """Read what the first line of a file says.
 
     Raises:
         UsageError: the file cannot be read, or is no wire log.
@@ -254,7 +254,7 @@ def read_header(path: Path) -> WireHeader:
 
 
 def read_session(path: Path) -> RecordedWire:
-    """All parts of the log that `path` is one part of, from the first one there is.
+    """Read all parts of the log that `path` is one part of, from the first one there is.
 
     Raises:
         UsageError: as `read_log`.
@@ -268,5 +268,5 @@ def read_session(path: Path) -> RecordedWire:
 
 
 def list_logs(folder: Path) -> list[Path]:
-    """Wire logs of a folder, oldest first; none when there is no folder."""
+    """List the wire logs of a folder, oldest first; none when there is no folder."""
     return sorted(folder.glob(f"*{SUFFIX}"))

@@ -87,7 +87,7 @@ class ModbusLink:
                 self.log.note(CLOSED)
 
     def read_bits(self, function_code: int, address: int, count: int) -> list[bool]:
-        """`count` coils (FC01) or discrete inputs (FC02) from a 0-based address."""
+        """Read `count` coils (FC01) or discrete inputs (FC02) from a 0-based address."""
 
         def ask(client: Client) -> ModbusPDU:
             read = client.read_coils if function_code == 1 else client.read_discrete_inputs
@@ -98,7 +98,7 @@ class ModbusLink:
         return list(self._repeat(ask).bits[:count])
 
     def read_registers(self, function_code: int, address: int, count: int) -> list[int]:
-        """`count` holding (FC03) or input (FC04) registers from a 0-based address."""
+        """Read `count` holding (FC03) or input (FC04) registers from a 0-based address."""
 
         def ask(client: Client) -> ModbusPDU:
             read = client.read_holding_registers if function_code == 3 else client.read_input_registers
@@ -129,7 +129,7 @@ class ModbusLink:
         self._once(ask)
 
     def _repeat(self, request: Callable[[Client], ModbusPDU]) -> ModbusPDU:
-        """A read, repeated while another try is sure to end in time."""
+        """Repeat a read while another try is sure to end in time."""
         last_start_s = time.monotonic() + self.time_out_s * (1 - _WAITS_OF_A_TRY / _WAITS)
         for n_left in reversed(range(self.n_read_repeats + 1)):
             try:
@@ -218,7 +218,7 @@ class ModbusLink:
 
 
 def tcp_link(name: str, host: str, port: int, device_id: int = 1, time_out_s: float = 1.5) -> ModbusLink:
-    """A link over Modbus TCP. `time_out_s` is real time, for a read with its repeats."""
+    """Make a link over Modbus TCP. `time_out_s` is real time, for a read with its repeats."""
 
     def make_client(trace: Tracer) -> Client:
         return ModbusTcpClient(host, port=port, timeout=time_out_s / _WAITS, retries=0, trace_packet=trace)
@@ -227,7 +227,7 @@ def tcp_link(name: str, host: str, port: int, device_id: int = 1, time_out_s: fl
 
 
 def rtu_link(name: str, port: str, baud_rate: int = 9600, device_id: int = 1, time_out_s: float = 1.5) -> ModbusLink:
-    """A link over Modbus RTU (8N1) on a serial port or pty. `time_out_s` is real time, for a read with its repeats."""
+    """Make a link over Modbus RTU (8N1), serial port or pty. `time_out_s` is real time, for a read with its repeats."""
 
     def make_client(trace: Tracer) -> Client:
         return ModbusSerialClient(port, baudrate=baud_rate, timeout=time_out_s / _WAITS, retries=0, trace_packet=trace)

@@ -172,7 +172,7 @@ class SerialTransport:
             self._log.note(CLOSED)
 
     def _read(self, port: serial.Serial, on_bytes: Callable[[bytes], None], on_lost: Callable[[str], None]) -> None:
-        """Reader thread: pass bytes on until closed or lost. Never raises."""
+        """Run the reader thread: pass bytes on until closed or lost. Never raises."""
         while not self._is_closing.is_set():
             try:
                 data = port.read(1)

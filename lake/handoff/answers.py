@@ -20,7 +20,7 @@ _REMEDY = "nothing was imported, the search keeps what it had"
 
 
 def find_settings(grasp: HandoffGrasp, usual: GraspSetup) -> tuple[GraspSetup, Placement]:
-    """How a grasp was made: what the files say, and else the usual setup at the nominal placement."""
+    """Find how a grasp was made: what the files say, and else the usual setup at the nominal placement."""
     of_setup = {name: value for name, value in grasp.settings.items() if name not in PLACEMENT}
     placement = Placement(**{name: value for name, value in grasp.settings.items() if name in PLACEMENT})
     return usual.model_copy(update=of_setup), placement
@@ -103,7 +103,7 @@ def _compare(grasp: HandoffGrasp, asked: GraspRequestRow | None, usual: GraspSet
 
 
 def _check_order(answers: Sequence[HandoffGrasp], rows: dict[str, GraspRequestRow]) -> None:
-    """Grasps of a search follow each other as they were asked for: the effects of wear and time cancel only then."""
+    """Check that grasps of a search follow each other as asked: effects of wear and time cancel only then."""
     if any(grasp.started_at is None for grasp in answers) and any(grasp.order is None for grasp in answers):
         return
 

@@ -28,7 +28,7 @@ _TOOL_LABEL = re.compile(r"B(\d{1,6})T(\d)$")
 
 
 def source_hash(directory: Path) -> str:
-    """Hash of the hand-off files in a folder: their names and bytes."""
+    """Hash the hand-off files in a folder: their names and bytes."""
     digest = hashlib.sha256()
     for name in sorted(FILE_NAMES):
         path = directory / name
@@ -40,7 +40,7 @@ def source_hash(directory: Path) -> str:
 
 
 def campaign_row(lake: Lake, campaign_id: str, source: str, content_hash: str) -> CampaignRow:
-    """The campaign with one more source, unless it has this one.
+    """Return the campaign with one more source, unless it has this one.
 
     Raises:
         UsageError: the lake has a campaign of this name that was not imported.
@@ -61,7 +61,7 @@ def campaign_row(lake: Lake, campaign_id: str, source: str, content_hash: str) -
 
 
 def tool_places(lake: Lake, campaign_id: str, tool_ids: Sequence[str]) -> dict[str, Place]:
-    """Batch and slot of each tool: as the lake has it, else as its name says (`B02T4`), else the next free one."""
+    """Return batch and slot of each tool: as the lake has it, else as its name says (`B02T4`), else the next free."""
     places = {row["tool_id"]: (row["batch"], row["slot"]) for row in lake.rows(ToolRow, campaign_id=campaign_id)}
     new = [tool_id for tool_id in dict.fromkeys(tool_ids) if tool_id not in places]
     taken = set(places.values())
@@ -85,7 +85,7 @@ def bench_rows(
     places: dict[str, Place],
     tools: Sequence[dict[str, Any]] = (),
 ) -> list[Row]:
-    """Objects that the lake lacks, batches and tools of the measured grasps; `tools`: what the folder says of them."""
+    """Return objects the lake lacks, batches and tools of measured grasps; `tools`: what the folder says of them."""
     told = {row["tool_id"]: row for row in tools}
     usual: dict[str, Any] = {"status": "printed", "operator": f"import of {source}"}
     known = lake.ids(ObjectRow)
@@ -118,7 +118,7 @@ def bench_rows(
 
 
 def _tool_designs(lake: Lake, campaign_id: str, grasps: Sequence[HandoffGrasp]) -> dict[str, str]:
-    """Design of each tool that is one: of a single design, and no other campaign's."""
+    """Return the design of each tool that is one: of a single design, and no other campaign's."""
     designs: dict[str, set[str]] = defaultdict(set)
     for grasp in grasps:
         if grasp.fidelity == "real":

@@ -60,7 +60,7 @@ def write_eln(deposit: Path, path: Path) -> None:
 
 
 def _rearrange(graph: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The graph of a deposit (files at its root) as that of a notebook's file (files in a data set of the root)."""
+    """Turn the graph of a deposit (files at its root) into that of a notebook's file (files in the root's data set)."""
     by_id = {node["@id"]: node for node in graph}
     root = by_id.pop("./")
     descriptor = by_id.pop(METADATA)

@@ -100,18 +100,18 @@ def export_handoff(
 
 
 def list_design_columns(rows: Sequence[dict[str, Any]]) -> tuple[str, ...]:
-    """Columns of designs.csv; the family only where one is no fin ray."""
+    """List columns of designs.csv; the family only where one is no fin ray."""
     return (*DESIGN_COLUMNS, *FAMILY_COLUMNS) if any(row["family"] for row in rows) else DESIGN_COLUMNS
 
 
 def _list_ends(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """Columns of where grasps were made and how they ended that say more than an unnamed bench and success."""
+    """List columns of where grasps were made and how they ended that say more than an unnamed bench and success."""
     usual = {"bench": "real", "status": "ok", "attempt": 0}
     return [name for name in END_COLUMNS if any((row[name] or None) != (usual.get(name) or None) for row in rows)]
 
 
 def _find_tools(lake: Lake, real: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Tools of the grasps of which a person said or measured something."""
+    """Find tools of the grasps of which a person said or measured something."""
     rows = lake.rows(ToolRow, tool_id=sorted({row["tool_id"] for row in real}))
     usual = ("tool_id", "design_id", "status", "operator")
     said = [name for name in (*TOOL_COLUMNS, *RECIPE_COLUMNS) if name not in usual]
@@ -119,7 +119,7 @@ def _find_tools(lake: Lake, real: Sequence[dict[str, Any]]) -> list[dict[str, An
 
 
 def _find_own_objects(lake: Lake, object_ids: set[int]) -> list[ObjectRow]:
-    """Own objects among those of the grasps, in the order of their numbers."""
+    """Find own objects among those of the grasps, in the order of their numbers."""
     rows = lake.records(ObjectRow, object_id=sorted(object_ids))
     return sorted((row for row in rows if row.shape is not None), key=lambda row: row.object_id)
 
@@ -130,7 +130,7 @@ def _write_objects(path: Path, rows: Sequence[ObjectRow]) -> None:
 
 
 def _list_told(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """Columns of how a grasp was made: those that matter most, and others that differ from the usual."""
+    """List columns of how a grasp was made: those that matter most, and others that differ from the usual."""
     usual: dict[str, Any] = GraspSetup().model_dump()
     differing = {name for name in HOW_COLUMNS if any((row[name] or None) != (usual.get(name) or None) for row in rows)}
     return [name for name in HOW_COLUMNS if name in differing or name in TELLING_COLUMNS]
@@ -189,7 +189,7 @@ def _as_text(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def _sample_blocks(lake: Lake, real: list[dict[str, Any]], sim: list[dict[str, Any]]) -> Iterable[pa.Table]:
-    """Samples as long tables in the order of the grasps, some hundred traces at a time."""
+    """Yield samples as long tables in the order of the grasps, some hundred traces at a time."""
     for rows, table in ((real, TraceRow), (sim, SimTraceRow)):
         key = table.id_column()
         for start in range(0, len(rows), _TRACES_AT_ONCE):

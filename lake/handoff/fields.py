@@ -23,7 +23,7 @@ _Holds = Callable[[float, float], bool]
 
 
 def number_of(record_type: type[Record], name: str) -> Callable[[str], float]:
-    """Reader of a field of a record: a number within its range, whole where the field is."""
+    """Make a reader of a field of a record: a number within its range, whole where the field is."""
     limit, is_whole = limits(record_type, name), record_type.model_fields[name].annotation is int
 
     def read(text: str) -> float:
@@ -37,7 +37,7 @@ def number_of(record_type: type[Record], name: str) -> Callable[[str], float]:
 
 
 def finite_number(text: str) -> float:
-    """A force in N, whatever it is."""
+    """Read a force in N, whatever it is."""
     value = number_or_nan(text)
     if not math.isfinite(value):
         raise ValueError("must be a finite number, in N.")
@@ -45,12 +45,12 @@ def finite_number(text: str) -> float:
 
 
 def optional(read: Callable[[str], T], default: T | None = None) -> Callable[[str], T | None]:
-    """Reader of a cell that may be empty, which stands for the default."""
+    """Make a reader of a cell that may be empty, which stands for the default."""
     return lambda text: read(text) if text else default
 
 
 def one_of(*known: str) -> Callable[[str], str]:
-    """Reader of a word; an empty cell is the first of the known ones."""
+    """Make a reader of a word; an empty cell is the first of the known ones."""
 
     def read(text: str) -> str:
         if text and text not in known:
@@ -61,7 +61,7 @@ def one_of(*known: str) -> Callable[[str], str]:
 
 
 def word(pattern: str, limit: str) -> Callable[[str], str]:
-    """Reader of a word that fits a pattern."""
+    """Make a reader of a word that fits a pattern."""
 
     def read(text: str) -> str:
         if not re.fullmatch(pattern, text):
@@ -75,7 +75,7 @@ lab_name = optional(word(NAME, "must be a name of at most 41 of a-z, 0-9 and -, 
 
 
 def peak_force(text: str) -> float:
-    """A peak force of a grasp without samples, N."""
+    """Read a peak force of a grasp without samples, N."""
     value = number_or_nan(text)
     if not _LEAST_PEAK_N <= value <= MOST_FORCE_N:
         raise ValueError(f"must be a number from {_LEAST_PEAK_N:g} to {MOST_FORCE_N:g} N; look at unit and sign.")
@@ -83,7 +83,7 @@ def peak_force(text: str) -> float:
 
 
 def limits(record_type: type[Record], name: str) -> str:
-    """The range of a field as words with its unit."""
+    """Write the range of a field as words with its unit."""
     unit = unit_of(name)
     kind = "an integer" if record_type.model_fields[name].annotation is int else "a number"
     text = " and ".join(f"{word} {bound:g}" for word, _, bound in _bounds(record_type, name))
@@ -91,7 +91,7 @@ def limits(record_type: type[Record], name: str) -> str:
 
 
 def _bounds(record_type: type[Record], name: str) -> list[tuple[str, _Holds, float]]:
-    """Each bound of a field: its word, its comparison, its value."""
+    """List each bound of a field: its word, its comparison, its value."""
     found: list[tuple[str, _Holds, float]] = []
     for bound in record_type.model_fields[name].metadata:
         match bound:
@@ -107,7 +107,7 @@ def _bounds(record_type: type[Record], name: str) -> list[tuple[str, _Holds, flo
 
 
 def integer(low: int | None, high: int | None) -> Callable[[str], int]:
-    """Reader of a whole number within limits that include both ends."""
+    """Make a reader of a whole number within limits that include both ends."""
     limit = "must be an integer"
     if low is not None:
         limit += f" of at least {low}" if high is None else f" from {low} to {high}"
@@ -124,7 +124,7 @@ def integer(low: int | None, high: int | None) -> Callable[[str], int]:
 
 
 def one_of_designs(design_ids: set[str]) -> Callable[[str], str]:
-    """Reader of the id of a known design."""
+    """Make a reader of the id of a known design."""
 
     def read(text: str) -> str:
         if text not in design_ids:
@@ -135,14 +135,14 @@ def one_of_designs(design_ids: set[str]) -> Callable[[str], str]:
 
 
 def fidelity(text: str) -> str:
-    """`real` or `sim`."""
+    """Read `real` or `sim`."""
     if text not in ("real", "sim"):
         raise ValueError("must be `real` or `sim`.")
     return text
 
 
 def time(text: str) -> datetime | None:
-    """A time; without an offset it is UTC."""
+    """Read a time; without an offset it is UTC."""
     if not text:
         return None
     try:
@@ -156,7 +156,7 @@ def time(text: str) -> datetime | None:
 
 
 def number_or_nan(text: str) -> float:
-    """The number, or NaN for anything else; Python takes 1_0 for 10, which nobody means."""
+    """Read the number, or NaN for anything else; Python takes 1_0 for 10, which nobody means."""
     try:
         return float(text) if "_" not in text else math.nan
     except ValueError:

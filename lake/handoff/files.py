@@ -173,7 +173,7 @@ def _read_designs(reader: Reader) -> dict[str, Design | None]:
 
 
 def _design_of_family(reader: Reader, table: Table, place: int) -> Design | None:
-    """A design whose row names its family."""
+    """Return a design whose row names its family."""
     cells = {name: table.columns.get(name, [""] * len(table.rows))[place] for name in FAMILY_COLUMNS}
     try:
         values = json.loads(cells["parameters_json"])
@@ -189,7 +189,7 @@ def _design_of_family(reader: Reader, table: Table, place: int) -> Design | None
 
 
 def _read_objects(reader: Reader) -> list[RigidObject]:
-    """Own objects of the folder, their numbers worked out again; none where there is no file of them."""
+    """Read own objects of the folder, their numbers worked out again; none where there is no file of them."""
     path = reader.directory / OBJECTS_FILE
     if not path.exists():
         return []
@@ -220,7 +220,7 @@ def _read_objects(reader: Reader) -> list[RigidObject]:
 
 
 def _read_object_id(own: set[int]) -> Callable[[str], int]:
-    """Reader of an object's number: one of the 36, of the folder, or one that is known here."""
+    """Make a reader of an object's number: one of the 36, of the folder, or one that is known here."""
     number = integer(0, None)
 
     def read(text: str) -> int:
@@ -236,7 +236,7 @@ def _read_object_id(own: set[int]) -> Callable[[str], int]:
 
 
 def _read_grasps(reader: Reader, design_ids: set[str], own_objects: set[int]) -> dict[str, tuple[int, dict[str, Any]]]:
-    """Row number and cells of each grasp, by id."""
+    """Read row number and cells of each grasp, by id."""
     table = read_csv(reader, "grasps.csv", (*GRASP_COLUMNS, *HOW_COLUMNS, *END_COLUMNS), (*HOW_COLUMNS, *END_COLUMNS))
     grasps: dict[str, tuple[int, dict[str, Any]]] = {}
     readers: dict[str, Callable[[str], Any]] = {
@@ -284,7 +284,7 @@ SIMULATION_FIELDS["contact_force_n"] = optional(finite_number)
 
 
 def _read_tools(reader: Reader) -> list[dict[str, Any]]:
-    """What the folder says of tools, by column; checked as the lake checks them."""
+    """Read what the folder says of tools, by column; checked as the lake checks them."""
     if not (reader.directory / "tools.csv").exists():
         return []
     known = (*TOOL_COLUMNS, *RECIPE_COLUMNS)
@@ -319,7 +319,7 @@ def _size(text: str) -> float:
 
 
 def _read_materials(reader: Reader) -> list[MaterialRow]:
-    """What was measured of lots of material."""
+    """Read what was measured of lots of material."""
     if not (reader.directory / "materials.csv").exists():
         return []
     table = read_csv(reader, "materials.csv", MATERIAL_COLUMNS, optional=("sd", "n"))

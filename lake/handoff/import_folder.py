@@ -129,7 +129,7 @@ def import_handoff(
 
 
 def _with_lab(handoff: Handoff, lab: str | None) -> Handoff:
-    """The hand-off with this lab in the measured grasps that name none."""
+    """Return the hand-off with this lab in the measured grasps that name none."""
     if lab is None:
         return handoff
     grasps = [
@@ -142,7 +142,7 @@ def _with_lab(handoff: Handoff, lab: str | None) -> Handoff:
 
 
 def check_campaign_id(campaign_id: str) -> None:
-    """Raises UsageError for a name that is no name: reports and print files go into a folder called so."""
+    """Raise UsageError for a name that is no name: reports and print files go into a folder called so."""
     if not _CAMPAIGN_ID.fullmatch(campaign_id) or ".." in campaign_id:
         raise UsageError(
             f"`{campaign_id[:120]}` cannot be the name of a campaign; nothing was written: give --campaign a name of "
@@ -151,7 +151,7 @@ def check_campaign_id(campaign_id: str) -> None:
 
 
 def _check_room(lake: Lake, directory: Path) -> None:
-    """Raises UsageError where the files hold more than the lake's disk; of an object store the room is not known."""
+    """Raise UsageError where the files hold more than the lake's disk; of an object store the room is unknown."""
     if lake.root is None:
         return
     wanted = sum(path.stat().st_size for name in FILE_NAMES if (path := directory / name).exists())
@@ -164,7 +164,7 @@ def _check_room(lake: Lake, directory: Path) -> None:
 
 
 def _with_config(provenance: Provenance, content_hash: str) -> Provenance:
-    """Provenance whose config is the imported files, unless it names another."""
+    """Return provenance whose config is the imported files, unless it names another."""
     return provenance if provenance.config_hash else provenance.model_copy(update={"config_hash": content_hash})
 
 
@@ -184,7 +184,7 @@ def _grasp_rows(
 def _new_grasps(
     lake: Lake, directory: Path, handoff: Handoff, campaign_id: str
 ) -> tuple[list[HandoffGrasp], tuple[str, ...]]:
-    """Grasps that are not in the lake already as something else's than this import's; the campaigns that have those.
+    """Find grasps that are not in the lake already as something else's than this import's; the campaigns with those.
 
     Raises:
         HandoffError: an id of the lake is used for something else.
@@ -216,7 +216,7 @@ def _new_grasps(
 
 
 def _used_ids(lake: Lake, grasp_ids: list[str]) -> dict[str, tuple[tuple[str, str, int], str | None]]:
-    """What the lake has under these ids: (fidelity, design, object), and the campaign it belongs to."""
+    """Return what the lake has under these ids: (fidelity, design, object), and the campaign it belongs to."""
     table = lake.query(
         "SELECT grasp_id AS id, 'real' AS fidelity, design_id, object_id, campaign_id, NULL AS version_json "
         "FROM grasps WHERE grasp_id IN (SELECT unnest($ids)) UNION ALL "
@@ -235,7 +235,7 @@ def _used_ids(lake: Lake, grasp_ids: list[str]) -> dict[str, tuple[tuple[str, st
 
 
 def _changed_grasps(lake: Lake, grasps: Sequence[HandoffGrasp]) -> list[Fault]:
-    """A fault for each grasp that the lake has with other samples or, where it brings none, with another peak."""
+    """List a fault for each grasp that the lake has with other samples or, if it brings none, another peak."""
     remedy = "and not from this import; give it another id"
     by_lab = f"{remedy}, or say with --lab who measured it."
     alone = {grasp.grasp_id: grasp for grasp in grasps if grasp.fidelity == "real" and grasp.trace is None}
@@ -259,7 +259,7 @@ def _changed_grasps(lake: Lake, grasps: Sequence[HandoffGrasp]) -> list[Fault]:
 
 
 def _find_replaced(lake: Lake, grasps: Sequence[HandoffGrasp], rows: Sequence[Row]) -> set[str]:
-    """Ids of grasps of the lake that these rows give other samples or numbers; `grasps`: those that it has."""
+    """List the grasps of the lake that these rows give other samples or numbers; `grasps`: those that it has."""
     found = {fault.value or "" for fault in _changed_grasps(lake, grasps)}
     tables: tuple[type[GraspRow] | type[SimulationRow], ...] = (GraspRow, SimulationRow)
     for table in tables:
@@ -271,7 +271,7 @@ def _find_replaced(lake: Lake, grasps: Sequence[HandoffGrasp], rows: Sequence[Ro
 
 
 def _say_end(grasp: Mapping[str, Any]) -> str:
-    """How a grasp without samples ended, in words."""
+    """Say how a grasp without samples ended, in words."""
     return "no force" if grasp["peak_force_n"] is None else f"a peak of {grasp['peak_force_n']!r} N"
 
 
@@ -317,7 +317,7 @@ def _sim_rows(grasp: HandoffGrasp, campaign_id: str, setup: dict[str, Any]) -> l
 
 
 def _version_row(campaign_id: str, theta: dict[str, float | None]) -> SimulatorVersionRow:
-    """The other lab's simulator, as far as it told."""
+    """Return the row of the other lab's simulator, as far as it told."""
     content = {"imported": campaign_id, "theta": theta}
     return SimulatorVersionRow(
         version_id=content_id("V", content),
@@ -333,7 +333,7 @@ def _unique(rows: Sequence[Row]) -> list[Row]:
 
 
 def count_all(handoff: Handoff) -> HandoffCounts:
-    """What a folder holds: what a lake without any of it would take."""
+    """Count what a folder holds: what a lake without any of it would take."""
     return _counts(len(handoff.designs), handoff.grasps, 0)
 
 

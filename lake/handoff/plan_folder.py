@@ -46,7 +46,7 @@ def write_plan(
 
 
 def find_tools(lake: Lake, requests: Sequence[GraspRequest], *, are_printed: bool = True) -> dict[str, ToolRow]:
-    """Rows of the tools that requests need, by id; those that will be printed, if they need not be yet.
+    """Find rows of the tools that requests need, by id; those that will be printed, if they need not be yet.
 
     Raises:
         UsageError: one is not in the lake, or was rejected.
@@ -67,7 +67,7 @@ def find_tools(lake: Lake, requests: Sequence[GraspRequest], *, are_printed: boo
 
 
 def _find_proposed(lake: Lake, tool_ids: Sequence[str]) -> dict[str, ToolRow]:
-    """Tools as they will be, by id."""
+    """Find tools as they will be, by id."""
     campaigns = sorted({tool_id.rpartition("/")[0] for tool_id in tool_ids})
     return {
         tool_id: ToolRow(

@@ -113,7 +113,7 @@ def publish(
 
 
 def _write_shapes(lake: Lake, folder: Path, campaign_id: str | None) -> list[Path]:
-    """What was printed and what was grasped, as STL files: measured designs by id, objects with their mounts."""
+    """Write what was printed and what was grasped as STL files: measured designs by id, objects with mounts."""
     from fast.models.design.finger import finger_bodies  # loads meshing
     from fast.models.objects.catalogue import get_object
     from fast.models.objects.mount import printable_mesh, unmounted_mesh
@@ -159,7 +159,7 @@ def _write_readme(directory: Path, files: Sequence[Path], about: dict[str, Any])
 
 
 def _write_package(directory: Path, files: Sequence[Path], about: dict[str, Any]) -> None:
-    """The Frictionless descriptor, checked by the library."""
+    """Write the Frictionless descriptor, checked by the library."""
     from frictionless import Package
 
     name, url = LICENCES[about["licence"]]
@@ -178,7 +178,7 @@ def _write_package(directory: Path, files: Sequence[Path], about: dict[str, Any]
 
 
 def _describe(path: Path) -> dict[str, Any]:
-    """A file as a Frictionless resource: where, how large, and of tables which columns."""
+    """Describe a file as a Frictionless resource: where, how large, and of tables which columns."""
     described: dict[str, Any] = {
         "name": path.name.lower().replace(".", "-").replace("_", "-"),
         "path": _path_in_deposit(path),
@@ -208,7 +208,7 @@ def _path_in_deposit(path: Path) -> str:
 
 
 def _describe_column(name: str) -> dict[str, str]:
-    """A column: its type, and in words with its unit."""
+    """Describe a column: its type, and in words with its unit."""
     kind = "string"
     if name in _INTEGERS:
         kind = "integer"
@@ -218,7 +218,7 @@ def _describe_column(name: str) -> dict[str, str]:
 
 
 def _write_crate(directory: Path, files: Sequence[Path], about: dict[str, Any]) -> None:
-    """The RO-Crate's metadata file, by its library."""
+    """Write the RO-Crate's metadata file, by its library."""
     from rocrate.model.person import Person
     from rocrate.rocrate import ROCrate
 

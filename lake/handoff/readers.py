@@ -38,7 +38,7 @@ Reader = Callable[[Path], HandoffTables]
 
 
 def load_reader(name: str) -> Reader:
-    """The function of `FILE.py:FUNCTION`.
+    """Load the function of `FILE.py:FUNCTION`.
 
     Raises:
         UsageError: there is no such file or function, or the file does not run.
@@ -63,7 +63,7 @@ def load_reader(name: str) -> Reader:
 
 @contextmanager
 def handoff_folder(source: Path, reader: Reader | None) -> Iterator[Path]:
-    """A hand-off folder with what the reader makes of `source`; `source` itself where there is no reader.
+    """Yield a hand-off folder with what the reader makes of `source`; `source` itself where there is no reader.
 
     Faults found in the folder are told as faults of `source`.
 
@@ -83,7 +83,7 @@ def handoff_folder(source: Path, reader: Reader | None) -> Iterator[Path]:
 
 
 def _tables(source: Path, reader: Reader) -> dict[str, pa.Table]:
-    """Tables by the name of their file."""
+    """Return tables by the name of their file."""
     try:
         given = reader(source)
         tables = {

@@ -25,12 +25,12 @@ _SHOWN_PER_COLUMN = 20  # of one fault in one column; the rest is counted
 
 
 def needs_samples(values: dict[str, Any]) -> bool:
-    """Whether a grasp must have samples: it is simulated, or measured without a peak of its own and no failure."""
+    """Return whether a grasp must have samples: simulated, or measured without a peak of its own and no failure."""
     return values["fidelity"] != "real" or (values.get("status") != "failed" and values.get("peak_force_n") is None)
 
 
 def read_traces(reader: Reader, grasp_ids: set[str], *, is_needed: bool) -> dict[str, tuple[list[int], Trace]]:
-    """Row numbers and samples of each grasp, by id, in the order of the file."""
+    """Read row numbers and samples of each grasp, by id, in the order of the file."""
     if not is_needed and not any((reader.directory / f"traces.{kind}").exists() for kind in ("parquet", "csv")):
         return {}
     name = "traces.parquet" if (reader.directory / "traces.parquet").exists() else "traces.csv"
@@ -98,7 +98,7 @@ def check_samples(
 def _find_lowest(
     reader: Reader, grasps: dict[str, tuple[int, dict[str, Any]]], traces: dict[str, tuple[list[int], Trace]]
 ) -> dict[str, int]:
-    """Lowest sample of each grasp whose pull is counted downwards; none where all are, which is said once."""
+    """Find the lowest sample of each grasp whose pull is counted downwards; none where all are, said once."""
     found: dict[str, dict[str, Trace]] = {"real": {}, "sim": {}}
     for key, (_, values) in grasps.items():
         if key in traces and values["fidelity"] in found and values.get("status") != "failed":
@@ -121,7 +121,7 @@ def _find_down(traces: dict[str, Trace]) -> dict[str, int]:
 
 
 def find_mirrored(measured: Sequence[Trace]) -> str:
-    """Words for a whole file whose pulls are counted downwards, or an empty text.
+    """Return words for a whole file whose pulls are counted downwards, or an empty text.
 
     A mirrored pull that only fades looks like fingers that push the object down, which they may: so the work of all
     grasps together tells.
@@ -144,13 +144,13 @@ def _is_finite(trace: Trace) -> bool:
 
 
 def _has_plain_sizes(trace: Trace) -> bool:
-    """Whether a force of this trace can be judged: another fault of it is named by itself."""
+    """Return whether a force of this trace can be judged: another fault of it is named by itself."""
     is_some = len(trace.force_n) > 0 and _is_finite(trace)
     return is_some and all(np.abs(getattr(trace, name)).max() <= most for name, most in _MOST)
 
 
 def _find_implausible(trace: Trace, lowest: int | None) -> tuple[str, int, str] | None:
-    """Column, sample and limit of what no pull of a soft gripper gives: another unit, or another column.
+    """Find column, sample and limit of what no pull of a soft gripper gives: another unit, or another column.
 
     `lowest`: sample of a pull that is counted downwards.
     """
@@ -188,7 +188,7 @@ def _samples_of_csv(reader: Reader, name: str) -> tuple[list[str], list[np.ndarr
 
 
 def _channel(reader: Reader, table: Table, column: str) -> np.ndarray:
-    """Numbers of a column; NaN and a fault where there is none."""
+    """Read the numbers of a column; NaN and a fault where there is none."""
     cells = table.columns[column]
     try:
         values = np.array(cells, dtype=np.float64)

@@ -73,7 +73,7 @@ class Reader:
         self.faults.append(Fault(file, row, column, shown, limit))
 
     def read_field(self, table: Table, column: str, place: int, read: Callable[[str], Any]) -> Any:
-        """The value of a cell, or None and a fault."""
+        """Read the value of a cell, or return None and note a fault."""
         text = table.columns[column][place]
         try:
             return read(text)
@@ -90,7 +90,7 @@ def read_csv(
     ignored: list[str] | None = None,
     most_rows: int | None = None,
 ) -> Table:
-    """Cells of a CSV file; an empty table and faults where it cannot be used.
+    """Read cells of a CSV file; an empty table and faults where it cannot be used.
 
     Cells are separated by commas, or by semicolons with commas or points in the numbers, as spreadsheets of many
     countries do; names of columns may be in capitals. ignored: a list that takes columns that nobody knows; None
@@ -119,12 +119,12 @@ def read_csv(
 
 
 def find_separator(header: str) -> str:
-    """What separates the cells of a table with this first line: commas, or semicolons."""
+    """Find what separates the cells of a table with this first line: commas, or semicolons."""
     return ";" if header.count(";") > header.count(",") else ","
 
 
 def _with_points(table: Table) -> Table:
-    """The table with decimal points in its numbers."""
+    """Return the table with decimal points in its numbers."""
     table.decimal = ","
     for column, cells in table.columns.items():
         table.columns[column] = [c.replace(",", ".") if _DECIMAL_COMMA.fullmatch(c) else c for c in cells]
@@ -164,7 +164,7 @@ def has_columns(
     optional: tuple[str, ...],
     ignored: list[str] | None = None,
 ) -> bool:
-    """Whether a file has its columns, each once and no others but the numbers of rows; names what is wrong.
+    """Return whether a file has its columns, each once and no others but row numbers; name what is wrong.
 
     ignored: a list that takes the others, unless they are written like one of the columns.
     """
@@ -189,7 +189,7 @@ def has_columns(
 
 
 def new_id(reader: Reader, table: Table, column: str, place: int, taken: dict[str, Any]) -> str | None:
-    """The id in a cell, which must be there and new; None and a fault otherwise."""
+    """Read the id in a cell, which must be there and new; None and a fault otherwise."""
     row_id = table.columns[column][place]
     if not row_id:
         reader.fault(table.name, table.rows[place], column, "", "must not be empty.")

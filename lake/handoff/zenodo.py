@@ -25,7 +25,7 @@ _TIME_OUT_S = 60.0  # without any answer; a large file may take longer as a whol
 
 
 def read_access() -> tuple[str, str]:
-    """Address and token of the archive, from the environment.
+    """Read address and token of the archive, from the environment.
 
     Raises:
         UsageError: there is no token, or the address is none.
@@ -73,7 +73,7 @@ def _pack(deposit: Path, folder: Path) -> Path:
 
 
 def _read_metadata(deposit: Path) -> dict[str, Any]:
-    """What the archive asks of a data set, from the deposit's own description."""
+    """Read what the archive asks of a data set, from the deposit's own description."""
     package = json.loads((deposit / "datapackage.json").read_text(encoding="utf-8"))
     return {
         "upload_type": "dataset",

@@ -23,7 +23,7 @@ class Entry(Record):
 
 
 def catalogue() -> list[Entry]:
-    """Views, tables, macros, each by name, without the columns of provenance, which every table has."""
+    """List views, tables, macros, each by name, without the columns of provenance, which every table has."""
     comments = view_comments() | {name: row.__doc__ or "" for name, row in TABLE_BY_NAME.items()}
     with duckdb.connect(":memory:") as connection:
         for row_type in TABLES:
@@ -48,7 +48,7 @@ def catalogue() -> list[Entry]:
 
 
 def view_comments() -> dict[str, str]:
-    """The comment above each view and macro in `views.sql`."""
+    """Return the comment above each view and macro in `views.sql`."""
     text = files("fast.lake").joinpath("views.sql").read_text(encoding="utf-8")
     found = re.findall(r"((?:^-- .*\n)+)CREATE (?:VIEW|MACRO) (\w+)", text, flags=re.MULTILINE)
     return {name: " ".join(comment.replace("-- ", "").split()) for comment, name in found}

@@ -120,7 +120,7 @@ class Engine:
                 self._defined.add(name)
 
     def read(self, sql: str, params: Sequence[Any] | dict[str, Any] | None = None) -> pa.Table:
-        """Result of a query over what was last synced, in a read-only transaction."""
+        """Read the result of a query over what was last synced, in a read-only transaction."""
         used = _names_used(sql)
         self.define_views(used if used & set(TABLE_BY_NAME) else None)  # all, to a question about the tables
         try:
@@ -130,7 +130,7 @@ class Engine:
             return self._read(sql, params)
 
     def read_kept(self, sql: str, params: Sequence[Any] | dict[str, Any] | None, tables: Collection[str]) -> pa.Table:
-        """The same as `read`, for an answer that follows from these tables alone: kept until one of them changes."""
+        """Read the same as `read`, for an answer that follows from these tables alone: kept until one changes."""
         question, marks = (sql, pickle.dumps(params)), [self.mark(table) for table in sorted(tables)]
         known_marks, answer = self._results.pop(question, (None, None))
         if answer is None or known_marks != marks:
@@ -149,17 +149,17 @@ class Engine:
             self.connection.execute("ROLLBACK")
 
     def files(self, table: str) -> list[Path]:
-        """Files of a table as of the last `sync`."""
+        """List files of a table as of the last `sync`."""
         known = self._files[table]
         return [self._root / table / name for name in sorted(known.signatures)]
 
     def mark(self, table: str) -> Mark:
-        """How far a table was read by the last `sync`."""
+        """Return how far a table was read by the last `sync`."""
         known = self._files[table]
         return Mark(self._number, known.next_number, known.n_losses)
 
     def place_of(self, row_type: type[Row], row_id: str) -> tuple[Path, int] | None:
-        """File of the valid row with this id in a table of traces, and the row's number in it; of the last `sync`."""
+        """Find file and row number of the valid row with this id in a table of traces, as of the last `sync`."""
         table, key = row_type.table, row_type.id_column()
         found = self.connection.execute(
             f"SELECT _file, _row FROM raw_{table} WHERE _hash = hash($1) AND {key} = $1 "
@@ -173,7 +173,7 @@ class Engine:
         return self._root / table / names[file_number], row
 
     def has_superseded(self, table: str) -> bool:
-        """True when some row of the table has been superseded, as of the last `sync`."""
+        """Return whether some row of the table has been superseded, as of the last `sync`."""
         return bool(self.connection.execute(f"SELECT 1 FROM superseded_{table} LIMIT 1").fetchall())
 
     def _make_tables(self, tables: Collection[str]) -> None:
@@ -225,7 +225,7 @@ class Engine:
             self.connection.execute(f"CREATE OR REPLACE VIEW {_TIMES_VIEW[table]} AS {times}")
 
     def _sql_of_samples(self, table: str, with_old: set[str]) -> str:
-        """SELECT of the rows of a table of traces; the files in `with_old` hold superseded rows too."""
+        """Write the SELECT of rows of a table of traces; the files in `with_old` hold superseded rows too."""
         known, folder = self._files[table], self._root.resolve() / table
         parts = [f"SELECT * FROM empty_{table}"]
         if plain := _places(folder, set(known.signatures) - with_old - known.partial):
@@ -332,7 +332,7 @@ class Engine:
         )
 
     def _partial_files(self, row_type: type[Row], paths: list[Path]) -> set[str]:
-        """Names of the files that lack a column: only for their sake need DuckDB compare the columns of all files."""
+        """Name files that lack a column: only for their sake need DuckDB compare the columns of all files."""
         columns = schema_of(row_type).names
         found = self.connection.execute(
             "SELECT parse_filename(file_name) FROM parquet_schema(?) GROUP BY file_name "
@@ -370,7 +370,7 @@ class Engine:
         )
 
     def _are_new(self, row_type: type[Row], known: _TableFiles) -> bool:
-        """True when no id of the rows that came was there before, nor twice among them: nothing is superseded."""
+        """Return whether no id of the rows that came was there before or comes twice: nothing is superseded."""
         table, key = row_type.table, row_type.id_column()
         rows = f"FROM raw_{table} WHERE _file"
         sql = f"""SELECT count(*) = count(DISTINCT {key})
@@ -380,7 +380,7 @@ class Engine:
 
 
 def list_files(folder: Path) -> dict[str, Signature]:
-    """Files of a table that readers look at, with what tells a rewritten one (time, size, inode).
+    """List files of a table that readers look at, with what tells a rewritten one (time, size, inode).
 
     Raises:
         LakeError: the folder cannot be read.
@@ -402,7 +402,7 @@ def list_files(folder: Path) -> dict[str, Signature]:
 
 
 def is_rows(name: str) -> bool:
-    """True for the name of a file that readers look at."""
+    """Return whether this is the name of a file that readers look at."""
     return name.startswith(FILE_PREFIX) and name.endswith(FILE_SUFFIX)
 
 
@@ -412,12 +412,12 @@ def load_views(connection: duckdb.DuckDBPyConnection) -> None:
 
 
 def tables_used(sql: str) -> set[str]:
-    """Tables that a query may read, directly or through a view: every table whose name is a word of it."""
+    """Find tables that a query may read, directly or through a view: every table whose name is a word of it."""
     return _names_used(sql) & set(TABLE_BY_NAME)
 
 
 def views_used(sql: str) -> set[str]:
-    """Those of `tables_used` that are not read as `raw_` tables alone."""
+    """Return those of `tables_used` that are not read as `raw_` tables alone."""
     return tables_used(re.sub(r"\braw_\w+", "", sql.lower()))
 
 
@@ -427,7 +427,7 @@ def _view_text() -> str:
 
 
 def _names_used(sql: str) -> set[str]:
-    """Words of a query, and of the views and macros that it uses directly or through others."""
+    """Find words of a query, and of the views and macros that it uses directly or through others."""
     used: set[str] = set()
     words = _words(sql)
     while words:
@@ -438,14 +438,14 @@ def _names_used(sql: str) -> set[str]:
 
 @cache
 def _view_statements() -> dict[str, str]:
-    """Statement of each view and macro, in the order of `views.sql`."""
+    """Return the statement of each view and macro, in the order of `views.sql`."""
     statements = re.findall(r"^CREATE (?:VIEW|MACRO) \w+.*?;$", _view_text(), flags=re.DOTALL | re.MULTILINE)
     return {statement.split(maxsplit=2)[2].partition("(")[0].split()[0]: statement for statement in statements}
 
 
 @cache
 def _view_words() -> dict[str, set[str]]:
-    """Words in the definition of each view and macro."""
+    """Return the words in the definition of each view and macro."""
     return {name: _words(statement) - {name} for name, statement in _view_statements().items()}
 
 
@@ -454,7 +454,7 @@ def _words(sql: str) -> set[str]:
 
 
 def _settled_listing(folder: Path, known: dict[str, Signature]) -> dict[str, Signature]:
-    """A listing that misses no row.
+    """Return a listing that misses no row.
 
     One scan may miss a merged file that appears while it passes, and the small ones that then go; two
     equal scans in a row cannot have. One that equals what is known is at worst a moment old.
@@ -467,13 +467,13 @@ def _settled_listing(folder: Path, known: dict[str, Signature]) -> dict[str, Sig
 
 
 def create_table(name: str, columns: Mapping[str, str]) -> str:
-    """Statement that makes an empty table with columns of these types."""
+    """Write the statement that makes an empty table with columns of these types."""
     listed = ", ".join(f'"{column}" {sql_type}' for column, sql_type in columns.items())
     return f"CREATE TABLE {name} ({listed})"
 
 
 def _places(folder: Path, names: Iterable[str]) -> list[Path]:
-    """Paths of files of a folder, in the order of their names."""
+    """Return the paths of files of a folder, in the order of their names."""
     return [folder / name for name in sorted(names)]
 
 
@@ -492,7 +492,7 @@ def _quote(path: Path) -> str:
 
 
 def _unreadable(folder: Path, error: Exception) -> LakeError:
-    """The sentence for a table that cannot be read, naming the file at fault."""
+    """Make the sentence for a table that cannot be read, naming the file at fault."""
     for name in sorted(list_files(folder)):
         fault = fault_of(folder / name, TABLE_BY_NAME[folder.name], whole=False)
         if fault:
@@ -532,6 +532,6 @@ def check_reads_only(sql: str) -> None:
 
 
 def _first_word(sql: str) -> str:
-    """What the statement does, by its own first word; comments before it are skipped."""
+    """Return what the statement does, by its own first word; skip comments before it."""
     match = re.match(r"(?:\s|--[^\n]*\n|/\*.*?\*/)*(\w+)", sql, flags=re.DOTALL)
     return match[1].upper() if match else "This statement"

@@ -26,7 +26,7 @@ _TABLES = (*_SCALARS, *_SAMPLES)
 
 
 def _all_ids(tables: Iterable[str]) -> str:
-    """SELECT of the place in `_TABLES` and the id of all rows, superseded ones too."""
+    """Write the SELECT of the place in `_TABLES` and the id of all rows, superseded ones too."""
     places = {table: place for place, table in enumerate(_TABLES)}
     return " UNION ALL ".join(
         f"SELECT {places[table]} AS place, {key_of(table)} AS id FROM raw_{table}" for table in tables
@@ -91,7 +91,7 @@ class _Beside(NamedTuple):
 def find_lineage(
     lake: Lake, row_id: str, *, forward: bool = False, depth: int | None = None, limit: int | None = None
 ) -> Lineage:
-    """Parents of the row with this id, their parents, and so on; with `forward`, what was made from it.
+    """Find parents of the row with this id, their parents, and so on; with `forward`, what was made from it.
 
     `depth` is how many steps are followed, `limit` of how many rows of one table beside a row each is
     followed: more than that are one `Group`. None follows everything.
@@ -123,7 +123,7 @@ def find_lineage(
 
 
 def _root(lake: Lake, row_id: str) -> Node:
-    """The row with this id; of a grasp and its samples, the grasp."""
+    """Find the row with this id; of a grasp and its samples, the grasp."""
     for tables in (_SCALARS, _SAMPLES):
         found = lake.query(f"SELECT min(place) FROM ({_all_ids(tables)}) WHERE id = $id", {"id": row_id})
         place = found.column(0)[0].as_py()
@@ -142,7 +142,7 @@ def _root(lake: Lake, row_id: str) -> Node:
 
 
 def _step(lake: Lake, frontier: list[Node], forward: bool, limit: int | None) -> list[_Beside]:
-    """Rows one step from the frontier, in the order of the frontier and of the tables."""
+    """Find rows one step from the frontier, in the order of the frontier and of the tables."""
     place = {node: number for number, node in enumerate(frontier)}
     tables = {node.table for node in frontier} - {UNKNOWN, *_SAMPLES}
     parts = _linked_parts({node.table for node in frontier}, forward)
@@ -166,7 +166,7 @@ def _step(lake: Lake, frontier: list[Node], forward: bool, limit: int | None) ->
 
 
 def _linked_parts(tables: Container[str], forward: bool) -> list[str]:
-    """A SELECT per link that leaves one of these tables."""
+    """Write a SELECT per link that leaves one of these tables."""
     near, far = ("parent", "child") if forward else ("child", "parent")
     parts = []
     for link in LINKS:
@@ -181,7 +181,7 @@ def _linked_parts(tables: Container[str], forward: bool) -> list[str]:
 
 
 def _stored_parents(tables: Container[str]) -> str:
-    """SELECT of the parents that rows of these tables store; one may be in any table, or in none."""
+    """Write the SELECT of parents that rows of these tables store; one may be in any table, or in none."""
     names = "[" + ", ".join(f"'{table}'" for table in _SCALARS) + "]"
     rows = " UNION ALL ".join(
         f"SELECT '{table}' AS here, {key_of(table)} AS near, unnest(parents) AS parent FROM {table} "
@@ -197,7 +197,7 @@ def _stored_parents(tables: Container[str]) -> str:
 
 
 def _stored_children() -> str:
-    """SELECT of the rows that store a row of the frontier as their parent."""
+    """Write the SELECT of the rows that store a row of the frontier as their parent."""
     rows = " UNION ALL ".join(
         f"SELECT '{table}' AS there, {key_of(table)} AS far, unnest(parents) AS parent FROM {table}"
         for table in _SCALARS
@@ -206,7 +206,7 @@ def _stored_children() -> str:
 
 
 def _read_rows(lake: Lake, nodes: Iterable[Node]) -> tuple[dict[Node, StoredRow | None], dict[Node, list[StoredRow]]]:
-    """The valid row of each node (None where the lake has none), and those it superseded, oldest first."""
+    """Read the valid row of each node (None if the lake has none), and those it superseded, oldest first."""
     rows: dict[Node, StoredRow | None] = dict.fromkeys(nodes)
     superseded: dict[Node, list[StoredRow]] = {}
     by_table: dict[str, list[str]] = {}
@@ -233,6 +233,6 @@ def _stored_row(table: str, stored: dict[str, Any]) -> StoredRow:
 
 
 def _campaigns_by_config(lake: Lake) -> dict[str, str]:
-    """Campaign of each config hash; a campaign that has grown has had several configs."""
+    """Return the campaign of each config hash; a campaign that has grown has had several configs."""
     found = lake.query("SELECT config_hash, min(campaign_id) AS campaign FROM raw_campaigns GROUP BY config_hash")
     return {row["config_hash"]: row["campaign"] for row in found.to_pylist()}

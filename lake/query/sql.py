@@ -41,7 +41,7 @@ _HINTS = {
 def run_sql(
     lake: Lake, sql: str, limits: Limits | None = None, on_deaf: Callable[[str], object] | None = None
 ) -> pa.Table:
-    """Result of one SELECT (also FROM, WITH, VALUES, DESCRIBE, SUMMARIZE, SHOW).
+    """Run one SELECT (also FROM, WITH, VALUES, DESCRIBE, SUMMARIZE, SHOW) and return its result.
 
     `on_deaf`: see `lake.query.limits`.
 
@@ -63,7 +63,7 @@ def run_sql(
 
 
 def _sentence(connection: duckdb.DuckDBPyConnection, error: duckdb.Error) -> str:
-    """What is wrong with the query, where possible in the lake's own words instead of DuckDB's."""
+    """Say what is wrong with the query, where possible in the lake's own words instead of DuckDB's."""
     text = str(error)
     if isinstance(error, duckdb.PermissionException):
         match = re.search(r'"([^"]+)"', text)
@@ -93,14 +93,14 @@ def _columns(connection: duckdb.DuckDBPyConnection) -> list[str]:
 
 
 def csv_bytes(table: pa.Table) -> bytes:
-    """The table as CSV with a header; lists and structs as JSON text, since a CSV has plain values only."""
+    """Write the table as CSV with a header; lists and structs as JSON text, since a CSV has plain values only."""
     buffer = io.BytesIO()
     csv.write_csv(_flat(table), buffer)
     return buffer.getvalue()
 
 
 def exact(value: Any) -> Any:
-    """A value as JSON has it: numbers with all digits, None where there is none (NaN), times as ISO 8601."""
+    """Return a value as JSON has it: numbers with all digits, None for none (NaN), times as ISO 8601."""
     if value is None or isinstance(value, bool | int | str):
         return value
     if isinstance(value, float | Decimal):

@@ -35,10 +35,10 @@ class Storage(Protocol):
     root: Path
 
     def marker(self) -> str | None:
-        """Text of the file that makes this place a lake; None if there is none."""
+        """Return the text of the file that makes this place a lake; None if there is none."""
 
     def is_empty(self) -> bool:
-        """True when nothing is at this place.
+        """Return whether nothing is at this place.
 
         Raises:
             FastError: the object store does not answer.
@@ -68,10 +68,10 @@ class Storage(Protocol):
         """
 
     def file_name(self, rows: pa.Table) -> str:
-        """Name for the file of appended rows."""
+        """Name the file of appended rows."""
 
     def names(self, table: str) -> list[str]:
-        """Names of the files of a table that readers look at, as they are now in the store; asked before writing.
+        """List names of the files of a table that readers look at, as they are now in the store; asked before writing.
 
         Raises:
             FastError: the store does not answer, or the folder cannot be listed.
@@ -106,7 +106,7 @@ class Storage(Protocol):
         """
 
     def read(self, name: str) -> str | None:
-        """Text of a small file; None if it is not there.
+        """Read the text of a small file; None if it is not there.
 
         Raises:
             FastError: it cannot be read.
@@ -120,7 +120,7 @@ class Storage(Protocol):
         """
 
     def small_files(self, folder: str) -> list[str]:
-        """Names of the small files in a folder, with it; none if there is no such folder.
+        """List names of the small files in a folder, with it; none if there is no such folder.
 
         Raises:
             FastError: it cannot be listed.
@@ -134,10 +134,10 @@ class Storage(Protocol):
         """
 
     def place(self, table: str) -> Path | str:
-        """What a person calls the folder of a table."""
+        """Return what a person calls the folder of a table."""
 
     def entries(self, table: str | None = None) -> list[Entry]:
-        """What is in the folder of a table, or at the top, by name; nothing if there is no such folder.
+        """List what is in the folder of a table, or at the top, by name; nothing if there is no such folder.
 
         Raises:
             OSError: it cannot be read.
@@ -152,10 +152,10 @@ class Storage(Protocol):
 
 
 def reason_of(target: Path) -> Path:
-    """File beside one in the quarantine that says why it is there."""
+    """Return the file beside one in the quarantine that says why it is there."""
     return target.with_name(f"{target.name}.reason.json")
 
 
 def reason_text(reason: Mapping[str, str]) -> str:
-    """Content of that file."""
+    """Write the content of that file."""
     return json.dumps(dict(reason), indent=2) + "\n"

@@ -29,7 +29,7 @@ FORBIDDEN = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST
 
 
 def file_name(table: pa.Table, ignore: frozenset[str] = frozenset()) -> str:
-    """The largest number of the rows (`lake.order`), then a digest of the columns not in `ignore`."""
+    """Name a file: the largest number of the rows (`lake.order`), a digest of the columns not in `ignore`."""
     kept = table.select([name for name in table.column_names if name not in ignore])
     digest = hashlib.sha256()
     with pa.ipc.new_stream(_Hasher(digest), kept.schema.remove_metadata()) as stream:
@@ -41,13 +41,13 @@ def file_name(table: pa.Table, ignore: frozenset[str] = frozenset()) -> str:
 
 
 def number_of(name: str) -> int:
-    """The number in the name of a file of rows; 0 in one of an older program."""
+    """Read the number in the name of a file of rows; 0 in one of an older program."""
     found = _NUMBERED.fullmatch(name)
     return int(found[1], 16) if found else 0
 
 
 def older_copies(name: str, others: Iterable[str]) -> list[str]:
-    """Those of `others` whose name says that they hold the same rows as `name`, appended before."""
+    """List those of `others` whose name says that they hold the same rows as `name`, appended before."""
     digest = name.rpartition("-")[2]
     return [other for other in others if other != name and other.rpartition("-")[2] == digest]
 
@@ -91,7 +91,7 @@ def publish(staged: Path, final: Path) -> None:
 
 
 def read_row(path: Path, row: int, columns: list[str]) -> dict[str, Any] | None:
-    """Columns of one row of a file, of which only the row group is read; None if the file has fewer rows.
+    """Read columns of one row of a file, of which only the row group is read; None if the file has fewer rows.
 
     Raises:
         OSError: the file is gone or cannot be read.
@@ -131,7 +131,7 @@ class Fault(NamedTuple):
 
 
 def fault_of(path: Path, row_type: type[Row], *, whole: bool) -> Fault | None:
-    """What is wrong with a file of a table, or None.
+    """Say what is wrong with a file of a table, or None.
 
     Looks at the footer alone, or with `whole` at every page and its checksum.
     """
@@ -151,7 +151,7 @@ def fault_of(path: Path, row_type: type[Row], *, whole: bool) -> Fault | None:
 
 
 def reading_fault(error: OSError | pa.ArrowException) -> Fault:
-    """The fault behind an error of reading: the system refused, or what is there is no whole file."""
+    """Return the fault behind an error of reading: the system refused, or what is there is no whole file."""
     first_line = str(error).splitlines()[0]
     if isinstance(error, OSError) and error.errno is not None:
         return Fault("unreadable", f"cannot be read ({os.strerror(error.errno)})")
@@ -159,7 +159,7 @@ def reading_fault(error: OSError | pa.ArrowException) -> Fault:
 
 
 def schema_fault(schema: pa.Schema, row_type: type[Row]) -> Fault | None:
-    """How the schema of a file differs from its table's, or None; a nullable column may be missing."""
+    """Say how the schema of a file differs from its table's, or None; a nullable column may be missing."""
     version = version_number((schema.metadata or {}).get(VERSION_KEY.encode(), b"").decode())
     if version > SCHEMA_VERSION:
         return newer_fault(version, row_type)
@@ -168,23 +168,23 @@ def schema_fault(schema: pa.Schema, row_type: type[Row]) -> Fault | None:
 
 
 def newer_fault(version: int, row_type: type[Row]) -> Fault:
-    """The fault of a file that a newer program wrote."""
+    """Make the fault of a file that a newer program wrote."""
     known = f"this program reads up to {SCHEMA_VERSION}"
     return Fault("newer", f"has schema version {version} of the table `{row_type.table}`, {known}")
 
 
 def version_number(text: str | None) -> int:
-    """Version in the metadata of a file; 1 where there is none."""
+    """Read the version in the metadata of a file; 1 where there is none."""
     return int(text) if text and text.isdigit() else 1
 
 
 def unusable(path: Path, fault: Fault) -> LakeError:
-    """The error of a file that cannot be used."""
+    """Make the error of a file that cannot be used."""
     return LakeError(f"{path} {fault.sentence}: {fault.remedy}.")
 
 
 def read_rows(path: Path, row_type: type[Row]) -> pa.Table:
-    """All rows of a file with today's columns; a nullable column that it lacks is empty.
+    """Read all rows of a file with today's columns; a nullable column that it lacks is empty.
 
     Raises:
         LakeError: the file cannot be read, or its columns are not those of the table; the message names it.
@@ -277,7 +277,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def writing_failed(folder: Path, error: OSError) -> FastError:
-    """The sentence for a folder that could not be written."""
+    """Make the sentence for a folder that could not be written."""
     if error.errno in FORBIDDEN:
         return UsageError(
             f"{folder} cannot be written ({describe_cause(error)}); nothing was written: "

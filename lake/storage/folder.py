@@ -78,7 +78,7 @@ class FolderStorage:
             )
 
     def file_name(self, rows: pa.Table) -> str:
-        """Ends alike for the same rows whenever they are appended, so that a repeated append replaces its file."""
+        """End the name alike for the same rows whenever appended, so that a repeated append replaces its file."""
         return file_name(rows, NOT_CONTENT)
 
     def names(self, table: str) -> list[str]:
@@ -204,7 +204,7 @@ class FolderStorage:
         return target
 
     def _holds_something_else(self) -> bool:
-        """True when the folder has more in it than what other processes leave that make, or died making, this lake."""
+        """Return whether the folder has more than what other processes leave that make, or died making, this lake."""
         if not self.root.exists():
             return False
         names = [entry.name for entry in self.root.iterdir()]

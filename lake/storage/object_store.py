@@ -91,7 +91,7 @@ class ObjectStorage:
             self._asked("could not be read", partial(self._refresh, table, anew))
 
     def file_name(self, rows: pa.Table) -> str:
-        """Made from all columns: rows appended again are another object, and no object ever changes."""
+        """Make the name from all columns: rows appended again are another object, and no object ever changes."""
         return file_name(rows)
 
     def names(self, table: str) -> list[str]:
@@ -196,7 +196,7 @@ class ObjectStorage:
         return f"{self._base}/{below}"
 
     def _asked(self, failing: str, ask: Callable[[], T]) -> T:
-        """Answer of the store.
+        """Return the answer of the store.
 
         Raises:
             FastError: one sentence for what went wrong; `failing` says what that means.
@@ -213,7 +213,7 @@ class ObjectStorage:
         return [info for info in found if info.base_name]
 
     def _listing(self, table: str) -> dict[str, int]:
-        """Sizes of the objects of a table that readers look at, in bytes."""
+        """Return the sizes of the objects of a table that readers look at, in bytes."""
         return {info.base_name: info.size for info in self._list(table) if _is_rows(info)}
 
     def _refresh(self, table: str, anew: bool) -> None:
@@ -237,7 +237,7 @@ class ObjectStorage:
         raise LakeError(f"The table `{table}` of {self.address} changes faster than it can be read; try again.")
 
     def _settled_listing(self, table: str, here: dict[str, int]) -> dict[str, int]:
-        """A listing that misses no row.
+        """Return a listing that misses no row.
 
         A listing comes in pages of a thousand names. It may miss a merged object that appears while it is made, and
         the small ones that then go; two equal ones in a row cannot have.
@@ -248,7 +248,7 @@ class ObjectStorage:
         return found
 
     def _whole_listing(self, table: str) -> dict[str, int]:
-        """A listing that misses no object: one page of it is of one moment, and more are asked for twice."""
+        """Return a listing that misses no object: one page of it is of one moment, and more are asked for twice."""
         found = self._listing(table)
         return found if len(found) < _PAGE else self._settled_listing(table, found)
 
@@ -265,7 +265,7 @@ class ObjectStorage:
 
 
 def working_folder(address: str) -> Path:
-    """Folder on this machine for a lake in an object store; the same for every process of a user.
+    """Return the folder on this machine for a lake in an object store; the same for every process of a user.
 
     In `$XDG_STATE_HOME/fast/lakes`, or `~/.local/state/fast/lakes`. Two servers may have a bucket of one name, so
     that of the server counts too.
@@ -288,7 +288,7 @@ def _is_rows(info: FileInfo) -> bool:
 
 
 def _copies(folder: Path) -> dict[str, int]:
-    """Sizes of the copies in a folder, in bytes; what a process left that died is removed."""
+    """Return the sizes of the copies in a folder, in bytes; remove what a process left that died."""
     found = {}
     with os.scandir(folder) as entries:
         for entry in entries:

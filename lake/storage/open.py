@@ -13,7 +13,7 @@ _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")
 
 
 def storage_at(address: Path | str) -> Storage:
-    """The storage at what a person gives as --lake: a folder, or `s3://bucket/prefix`.
+    """Return the storage at what a person gives as --lake: a folder, or `s3://bucket/prefix`.
 
     Raises:
         UsageError: it is the address of something else, or no address.

@@ -41,11 +41,11 @@ class Connection:
 
     @staticmethod
     def endpoint() -> str | None:
-        """Address of the server; None for Amazon's own."""
+        """Return the address of the server; None for Amazon's own."""
         return os.environ.get("AWS_ENDPOINT_URL_S3") or os.environ.get("AWS_ENDPOINT_URL") or None
 
     def get(self, path: str) -> bytes:
-        """All of an object."""
+        """Get all of an object."""
         try:
             with self.files.open_input_stream(path) as stream:
                 return bytes(stream.read())
@@ -63,17 +63,17 @@ class Connection:
             stream.write(data)
 
     def has(self, path: str) -> bool:
-        """True when there is such an object."""
+        """Return whether there is such an object."""
         return bool(self.files.get_file_info(path).type == FileType.File)
 
     def has_bucket(self) -> bool:
-        """True; an error where there is no such bucket, of which a listing is merely empty."""
+        """Return True; raise an error where there is no such bucket, of which a listing is merely empty."""
         if self.files.get_file_info(self._bucket).type == FileType.NotFound:
             raise FileNotFoundError(self._bucket)
         return True
 
     def list(self, folder: str) -> list[FileInfo]:
-        """Objects and folders right below a prefix; a request for each thousand."""
+        """List objects and folders right below a prefix; a request for each thousand."""
         return list(self.files.get_file_info(FileSelector(folder, allow_not_found=True)))
 
     def copy(self, path: str, target: str) -> None:
@@ -103,7 +103,7 @@ class Connection:
 
 
 def refusal(address: str, failing: str, error: OSError) -> FastError:
-    """The sentence for a request that failed; `failing` says what could not be done and what that means."""
+    """Make the sentence for a request that failed; `failing` says what could not be done and what that means."""
     text = str(error).splitlines()[0]
     code = _code(text)
     failed = f"{address} {failing} "

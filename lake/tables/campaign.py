@@ -66,7 +66,7 @@ class DesignRow(Row):
 
     @classmethod
     def of(cls, design: Design, design_id: str | None = None) -> Self:
-        """Row of a design; `design_id` only where another lab named it."""
+        """Make the row of a design; `design_id` only where another lab named it."""
         values = design.model_dump()
         columns = {name: value for name, value in values.items() if name in PARAMETERS}
         if type(design) is not FinRay:
@@ -84,7 +84,7 @@ class DesignRow(Row):
 
 
 def design_of_columns(columns: Mapping[str, Any]) -> Design:
-    """A design from the columns of `designs`.
+    """Make a design from the columns of `designs`.
 
     Raises:
         UsageError: its family is unknown here.
@@ -125,7 +125,7 @@ class ObjectRow(Row):
 
     @classmethod
     def of(cls, obj: RigidObject) -> Self:
-        """Row of an object."""
+        """Make the row of an object."""
         size_x_mm, size_y_mm, height_mm = obj.size_mm
         return cls(
             object_id=obj.object_id,
@@ -170,7 +170,7 @@ class BatchRow(Row):
 
     @staticmethod
     def make_id(campaign_id: str, batch: int) -> str:
-        """`<campaign_id>/B01` of batch 1."""
+        """Make `<campaign_id>/B01` of batch 1."""
         return f"{campaign_id}/B{batch:02d}"
 
 
@@ -245,7 +245,7 @@ class ToolRow(Row):
 
     @staticmethod
     def make_id(campaign_id: str, batch: int, slot: int) -> str:
-        """`<campaign_id>/B01T0` of batch 1, slot 0."""
+        """Make `<campaign_id>/B01T0` of batch 1, slot 0."""
         return f"{campaign_id}/B{batch:02d}T{slot}"
 
 
@@ -266,7 +266,7 @@ class SimulatorVersionRow(Row):
 
     @classmethod
     def of(cls, version: SimulatorVersion) -> Self:
-        """Row of a simulator version."""
+        """Make the row of a simulator version."""
         return cls(
             version_id=version.version_id,
             version_json=canonical_json(version.model_dump()),
@@ -327,7 +327,7 @@ class SimulationRow(Row):
 
     @staticmethod
     def make_id(design_id: str, object_id: int, version_id: str, setup_id: str) -> str:
-        """Id derived from what decides the result."""
+        """Make an id from what decides the result."""
         return content_id("S", [design_id, object_id, version_id, setup_id])
 
 
@@ -350,12 +350,12 @@ class _SampleColumns(Row):
 
     @classmethod
     def id_column(cls) -> str:
-        """The first field after the inherited channels."""
+        """Return the first field after the inherited channels."""
         return next(name for name in cls.model_fields if name not in _SampleColumns.model_fields)
 
     @classmethod
     def of(cls, row_id: str, trace: Trace) -> Self:
-        """Row of a trace."""
+        """Make the row of a trace."""
         return cls(**{cls.id_column(): row_id}, time_s=trace.time_s, lift_mm=trace.lift_mm, force_n=trace.force_n)
 
 
@@ -435,7 +435,7 @@ class GraspRow(Row):
     def make_id(
         tool_id: str, object_id: int, repeat: int, attempt: int = 0, request_id: str = "", lab: str | None = None
     ) -> str:
-        """Id derived from which grasp it is, so that redoing it duplicates nothing; the lab's name stands in front."""
+        """Make an id from which grasp it is, so that redoing it duplicates nothing; the lab's name stands in front."""
         asked = [request_id] if request_id else []
         return id_in_lab(content_id("K", [tool_id, object_id, repeat, attempt, *asked]), lab)
 
@@ -537,7 +537,7 @@ class EventRow(Row):
         payload: BaseModel | Mapping[str, object],
         campaign: str | None,
     ) -> Self:
-        """A record that is kept under a key: written again it takes the place of the one before."""
+        """Make a record that is kept under a key: written again it takes the place of the one before."""
         values = payload.model_dump(mode="json") if isinstance(payload, BaseModel) else payload
         return cls(
             event_id=cls.make_id(*key),
@@ -554,7 +554,7 @@ class EventRow(Row):
 
     @staticmethod
     def make_id(*key: object) -> str:
-        """Id of the record under a key."""
+        """Make the id of the record under a key."""
         return content_id("E", list(key))
 
 

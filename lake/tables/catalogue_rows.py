@@ -14,7 +14,7 @@ from fast.models.simulation.version import SimulatorVersion
 
 
 def version_rows(version: SimulatorVersion) -> list[Row]:
-    """Rows of a simulator version and its effects, in the order of the version.
+    """Return rows of a simulator version and its effects, in the order of the version.
 
     Raises:
         ConfigError: an effect or parameter is unknown, or a value is out of bounds.
@@ -27,7 +27,7 @@ def version_rows(version: SimulatorVersion) -> list[Row]:
 
 
 def missing_version_rows(lake: Lake, version: SimulatorVersion) -> list[Row]:
-    """Rows of `version_rows` that the lake lacks; of a lake older than the table of effects, those alone."""
+    """Return rows of `version_rows` that the lake lacks; of a lake older than the table of effects, those alone."""
     return [row for row in version_rows(version) if not lake.has(type(row), getattr(row, row.id_column()))]
 
 
@@ -38,7 +38,7 @@ def append_version(lake: Lake, version: SimulatorVersion, provenance: Provenance
 
 
 def _effect_row(version_id: str, place: int, value: EffectValue) -> EffectRow:
-    """Row of one effect, with the neutral value of every parameter that the version leaves out."""
+    """Make the row of one effect, with the neutral value of every parameter that the version leaves out."""
     from fast.models.simulation.effects.catalogue import CATALOGUE
 
     spec = CATALOGUE[value.effect]
@@ -58,11 +58,11 @@ def _effect_row(version_id: str, place: int, value: EffectValue) -> EffectRow:
 
 
 def object_rows(own: Sequence[RigidObject] = ()) -> list[ObjectRow]:
-    """A row for each of the 36 test objects, and for own ones."""
+    """Make a row for each of the 36 test objects, and for own ones."""
     return [ObjectRow.of(obj) for obj in (*OBJECTS, *own)]
 
 
 def read_lot_rows(lake: Lake, lot: str | Sequence[str] | None = None) -> list[MaterialRow]:
-    """What is measured of a lot, of several, or of all of the lake, but for what was taken back."""
+    """Read what is measured of a lot, of several, or of all of the lake, but for what was taken back."""
     where = {} if lot is None else {"lot": lot}
     return lake.records(MaterialRow, taken_back_by=None, **where)

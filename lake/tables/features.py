@@ -47,7 +47,7 @@ class TraceFeaturesRow(Row):
 
     @classmethod
     def of(cls, grasp_id: str, features: dict[str, float | None], profile_n: list[float]) -> Self:
-        """Row of the features of a grasp by name, as `TraceFeatures.row` gives them."""
+        """Make the row of the features of a grasp by name, as `TraceFeatures.row` gives them."""
         return cls.model_validate(
             {
                 "feature_id": cls.make_id(grasp_id, FEATURE_VERSION),
@@ -60,7 +60,7 @@ class TraceFeaturesRow(Row):
 
     @staticmethod
     def make_id(grasp_id: str, feature_version: int) -> str:
-        """Id derived from the grasp and the definitions: calculating again duplicates nothing."""
+        """Make an id from the grasp and the definitions: calculating again duplicates nothing."""
         return content_id("T", [grasp_id, feature_version])
 
 
@@ -87,16 +87,16 @@ class AnomalyFlagRow(Row):
 
     @classmethod
     def of(cls, grasp_id: str, anomaly: Anomaly) -> Self:
-        """Row of a flag."""
+        """Make the row of a flag."""
         values = {name: value for name, value in anomaly._asdict().items() if name != "place"}
         return cls(flag_id=cls.make_id(grasp_id, anomaly.kind), grasp_id=grasp_id, is_flagged=True, **values)
 
     @classmethod
     def taken_back(cls, grasp_id: str, kind: Kind) -> Self:
-        """Row of a flag that no longer stands."""
+        """Make the row of a flag that no longer stands."""
         return cls(flag_id=cls.make_id(grasp_id, kind), grasp_id=grasp_id, kind=kind, is_flagged=False)
 
     @staticmethod
     def make_id(grasp_id: str, kind: Kind) -> str:
-        """Id derived from the grasp and the kind: a later row supersedes an earlier one."""
+        """Make an id from the grasp and the kind: a later row supersedes an earlier one."""
         return content_id("Y", [grasp_id, kind])

@@ -8,11 +8,11 @@ IMPORTED: Final = "imported"  # `kind` of such a campaign's config, and tier of 
 
 
 def is_imported(config_toml: str) -> bool:
-    """True for the config of a campaign that was imported, which nothing can run."""
+    """Return whether this is the config of a campaign that was imported, which nothing can run."""
     return tomllib.loads(config_toml).get("kind") == IMPORTED
 
 
 def importing_campaign(version_json: str) -> str | None:
-    """Campaign with which simulations of this version were imported, None if they were computed here."""
+    """Return the campaign with which simulations of this version were imported, None if they were computed here."""
     imported = json.loads(version_json).get("imported")
     return None if imported is None else str(imported)

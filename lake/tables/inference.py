@@ -95,7 +95,7 @@ class CalibrationRow(Row):
 
     @staticmethod
     def make_id(base_version_id: str, data: str, data_ids: list[str], settings_json: str, seed: int) -> str:
-        """Id derived from what decides the result; `data_ids` are the grasps and simulations that went in."""
+        """Make an id from what decides the result; `data_ids` are the grasps and simulations that went in."""
         return content_id("C", [base_version_id, data, sorted(data_ids), settings_json, seed])
 
 
@@ -116,7 +116,7 @@ class PosteriorDrawsRow(Row):
 
     @classmethod
     def of(cls, calibration_id: str, chain: int, parameter: str, draws: np.ndarray) -> Self:
-        """Row of the draws (n) of one parameter in one chain."""
+        """Make the row of the draws (n) of one parameter in one chain."""
         return cls(
             draws_id=content_id("Q", [calibration_id, chain, parameter]),
             calibration_id=calibration_id,
@@ -150,7 +150,7 @@ class EffectRow(Row):
 
     @staticmethod
     def make_id(version_id: str, place: int, effect: str) -> str:
-        """Id derived from which effect of which version it is."""
+        """Make an id from which effect of which version it is."""
         return content_id("X", [version_id, place, effect])
 
 
@@ -219,5 +219,5 @@ class GapFindingRow(Row):
 
     @staticmethod
     def make_id(gap_id: str, round_number: int, kind: str, place: int) -> str:
-        """Id derived from which line of which run it is."""
+        """Make an id from which line of which run it is."""
         return content_id("N", [gap_id, round_number, kind, place])

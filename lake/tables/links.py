@@ -23,12 +23,12 @@ class Link(NamedTuple):
 
 
 def key_of(table: str) -> str:
-    """SQL of a table's id as text."""
+    """Write the SQL of a table's id as text."""
     return f"{TABLE_BY_NAME[table].id_column()}::VARCHAR"
 
 
 def _named_links() -> Iterator[Link]:
-    """A link for every column that is called like the id of another table.
+    """Yield a link for every column that is called like the id of another table.
 
     A row with a `base_version_id` came from that version, and made the one of its `version_id`.
     """
@@ -47,7 +47,7 @@ def _named_links() -> Iterator[Link]:
 
 
 def _names(row_type: type[Row], other: type[Row]) -> bool:
-    """True when a column of `row_type` is the id of `other`; scalars share the id of the samples they come from."""
+    """Return whether a column of `row_type` is the id of `other`; scalars share the id of their samples."""
     key = other.id_column()
     return key in row_type.model_fields and (key != row_type.id_column() or _are_samples_of(other, row_type))
 
@@ -136,12 +136,12 @@ _SUMMARY: Mapping[str, tuple[str, ...]] = {
 
 
 def is_linked(one: str, other: str) -> bool:
-    """True when a link says how two tables hang together, so that stored parents between them do not count."""
+    """Return whether a link says how two tables hang together, so that stored parents between them do not count."""
     return frozenset((one, other)) in _LINKED
 
 
 def summary_columns(table: str) -> tuple[str, ...]:
-    """Columns that tell rows of this table apart for a person."""
+    """List columns that tell rows of this table apart for a person."""
     if table in _SUMMARY:
         return _SUMMARY[table]
     row_type = TABLE_BY_NAME[table]

@@ -34,7 +34,7 @@ class MaterialRow(Row):
 
     @classmethod
     def of(cls, lot: str, quantity: str, measured: MaterialMeasurement, sure: str | None = None) -> Self:
-        """Row of a quantity of a lot: a corrected measurement replaces the one before."""
+        """Make the row of a quantity of a lot: a corrected measurement replaces the one before."""
         values = measured.model_dump(exclude={"sure"})
         return cls(material_id=content_id("L", [lot, quantity]), lot=lot, quantity=quantity, sure=sure, **values)
 
@@ -45,5 +45,5 @@ class MaterialRow(Row):
 
 
 def lot_of_rows(rows: list[MaterialRow]) -> MaterialLot:
-    """The lot that these rows are of; quantities that FAST has no use for are left out."""
+    """Return the lot that these rows are of; leave out quantities that FAST has no use for."""
     return MaterialLot(**{row.quantity: row.measurement for row in rows if row.quantity in QUANTITIES})

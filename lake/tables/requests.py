@@ -13,12 +13,12 @@ PLACEMENT = ("offset_x_mm", "offset_y_mm", "yaw_deg")  # what of a placement can
 
 
 def read_placement(row: Mapping[str, Any]) -> Placement:
-    """The placement that was asked for, of the columns of a row; an empty one is 0."""
+    """Read the placement that was asked for from the columns of a row; an empty one is 0."""
     return Placement(**{name: row[name] or 0.0 for name in PLACEMENT})
 
 
 def setup_columns(setup: GraspSetup, placement: Placement = Placement()) -> dict[str, Any]:  # noqa: B008 - frozen record
-    """`setup_id` and `setup_json` of a row, and the placement that was asked for, where it is not the nominal one."""
+    """Return `setup_id` and `setup_json` of a row, and the placement asked for, where it is not the nominal one."""
     offsets = {name: value for name in PLACEMENT if (value := getattr(placement, name))}
     return {
         "setup_id": find_setup_id(setup, placement),
@@ -65,7 +65,7 @@ class GraspRequestRow(Row):
         campaign_id: str | None = None,
         parameter: str | None = None,
     ) -> Self:
-        """Row of a request of a search."""
+        """Make the row of a request of a search."""
         where = setup_columns(request.setup, request.placement)
         return cls(
             request_id=cls.make_id(search_id, place),
@@ -95,5 +95,5 @@ class GraspRequestRow(Row):
 
     @staticmethod
     def make_id(search_id: str, place: int) -> str:
-        """Id derived from which request of which search it is."""
+        """Make an id from which request of which search it is."""
         return content_id("I", [search_id, place])

@@ -28,5 +28,5 @@ class Row(Record):
 
     @classmethod
     def id_column(cls) -> str:
-        """Name of the id column, the first field."""
+        """Return the name of the id column, the first field."""
         return next(iter(cls.model_fields))

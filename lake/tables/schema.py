@@ -39,7 +39,7 @@ _SQL_TYPES = {
 
 @cache
 def schema_of(row_type: type[Row]) -> pa.Schema:
-    """Arrow schema of a table: id, the other columns, then the provenance columns.
+    """Return the Arrow schema of a table: id, the other columns, then the provenance columns.
 
     A column that the row itself names (`seed` of a fit) is the row's, not the provenance's.
     """
@@ -53,17 +53,17 @@ def schema_of(row_type: type[Row]) -> pa.Schema:
 
 @cache
 def sql_columns(row_type: type[Row]) -> dict[str, str]:
-    """DuckDB types of the columns of a table, in its order."""
+    """Return the DuckDB types of the columns of a table, in its order."""
     return {field.name: _sql_type(field.type) for field in schema_of(row_type)}
 
 
 def has_samples(row_type: type[Row]) -> bool:
-    """True for the tables of traces, which are too big to hold in memory."""
+    """Return whether this is a table of traces, which are too big to hold in memory."""
     return any(field.annotation is np.ndarray for field in row_type.model_fields.values())
 
 
 def to_arrow(rows: Sequence[Row], provenance: ProvenanceColumns) -> pa.Table:
-    """Rows of one table as an Arrow table with `schema_of` its type, ordered by id."""
+    """Return rows of one table as an Arrow table with `schema_of` its type, ordered by id."""
     row_type = type(rows[0])
     key = row_type.id_column()
     ordered = sorted(rows, key=lambda row: row.__dict__[key])

@@ -19,7 +19,7 @@ FAMILIES: Mapping[str, str] = {
 
 
 def find_family(name: str) -> type[Design]:
-    """The family with this name, or of a user's own as `module:Class`.
+    """Find the family with this name, or of a user's own as `module:Class`.
 
     Raises:
         UsageError: it is unknown, cannot be imported, or is no family.
@@ -37,7 +37,7 @@ def find_family(name: str) -> type[Design]:
 
 
 def read_design(family: str | None, values: Mapping[str, Any], source: str = "design") -> Design:
-    """A design of the family (None: a fin ray) from its parameters.
+    """Read a design of the family (None: a fin ray) from its parameters.
 
     Raises:
         UsageError: the family is unknown.

@@ -53,17 +53,17 @@ class FinRay(Design):
         return planar_profile(self, fillet_mm, arc_segments)
 
     def list_voids(self) -> list[Polygon]:
-        """The voids between the ribs above the base as drawn, mm: sharp, and however small."""
+        """List the voids between the ribs above the base as drawn, mm: sharp, and however small."""
         above = box(0.0, BASE_HEIGHT_MM, self.length_mm, self.height_mm)
         return [part for void in _voids(self) for part in _polygons(void.intersection(above))]
 
     def measure_section_mm2(self) -> float:
-        """Area between outline and voids, however small these are."""
+        """Measure the area between outline and voids, however small these are."""
         return float(_outline(self).area) - sum(float(void.area) for void in self.list_voids())
 
 
 def take_fin_ray(design: Design, what: str) -> FinRay:
-    """The design, which must be a fin ray for `what`.
+    """Take the design, which must be a fin ray for `what`.
 
     Raises:
         UsageError: it is of another family.
@@ -74,7 +74,7 @@ def take_fin_ray(design: Design, what: str) -> FinRay:
 
 
 def planar_profile(design: FinRay, fillet_mm: float = 0.5, arc_segments: int = ARC_SEGMENTS) -> Polygon:
-    """The compliant body of a finger in the (x, z) plane, mm, with its voids as holes.
+    """Draw the compliant body of a finger in the (x, z) plane, mm, with its voids as holes.
 
     The lowest void is open towards the base.
     x = 0 is the front wall's outer plane, x > 0 points away from the object; z runs from the top of the
@@ -95,7 +95,7 @@ def _voids(design: FinRay) -> list[Polygon]:
 
 
 def _above_base(body: Polygon) -> np.ndarray:
-    """The outline without points just above the base, where a rib that ends in its corner leaves them."""
+    """Return the outline without points just above the base, where a rib that ends in its corner leaves them."""
     points = np.array(body.exterior.coords)
     height = points[:, 1] - BASE_HEIGHT_MM
     return points[(height < math.ulp(BASE_HEIGHT_MM)) | (height >= MIN_EDGE_MM)]
@@ -108,7 +108,7 @@ def _outline(design: FinRay) -> BaseGeometry:
 
 
 def _back_side(design: FinRay) -> tuple[np.ndarray, np.ndarray]:
-    """Two points of the inner side of the slanted back wall."""
+    """Return two points of the inner side of the slanted back wall."""
     foot = np.array([design.length_mm, 0.0])
     apex = np.array([design.front_thickness_mm + APEX_EXTRA_MM, design.height_mm])
     along = (apex - foot) / np.linalg.norm(apex - foot)
@@ -118,7 +118,7 @@ def _back_side(design: FinRay) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _cavity(design: FinRay) -> BaseGeometry:
-    """The space between the walls below the solid tip; it goes on below the base, which has no fillets."""
+    """Draw the space between the walls below the solid tip; it goes on below the base, which has no fillets."""
     foot, apex = _back_side(design)
     top = design.height_mm - design.tip_length_mm
     direction = apex - foot
@@ -129,26 +129,26 @@ def _cavity(design: FinRay) -> BaseGeometry:
 
 
 def cavity_share(points: np.ndarray, design: FinRay) -> np.ndarray:
-    """How far points (n, 2) in mm are across the cavity: 0 from the front wall on, 1 from the back wall on."""
+    """Return how far points (n, 2) in mm are across the cavity: 0 from the front wall on, 1 from the back wall on."""
     back_x = _back_x(design, points[:, 1])
     return np.clip((points[:, 0] - design.front_thickness_mm) / (back_x - design.front_thickness_mm), 0.0, 1.0)
 
 
 def is_in_rib(points: np.ndarray, design: FinRay) -> np.ndarray:
-    """Mask (n) of points (n, 2) in mm between the walls, below the tip: material there belongs to a rib."""
+    """Return a mask (n) of points (n, 2) in mm between the walls, below the tip: material there belongs to a rib."""
     share = cavity_share(points, design)
     return np.asarray((share > 0.0) & (share < 1.0) & (points[:, 1] < design.height_mm - design.tip_length_mm))
 
 
 def rib_centres(design: FinRay) -> np.ndarray:
-    """Points (n, 2) in mm half way between the walls, about which the ribs are turned."""
+    """Return points (n, 2) in mm half way between the walls, about which the ribs are turned."""
     bottom, top = BASE_HEIGHT_MM, design.height_mm - design.tip_length_mm
     z = bottom + (top - bottom) * np.arange(1, design.rib_count + 1) / (design.rib_count + 1)
     return np.column_stack([(design.front_thickness_mm + _back_x(design, z)) / 2, z])
 
 
 def _back_x(design: FinRay, z: np.ndarray) -> np.ndarray:
-    """The inner side of the back wall at heights z (n)."""
+    """Return the inner side of the back wall at heights z (n)."""
     foot, apex = _back_side(design)
     return np.asarray(foot[0] + (apex[0] - foot[0]) * (z - foot[1]) / (apex[1] - foot[1]))
 
@@ -164,7 +164,7 @@ def _ribs(design: FinRay) -> list[BaseGeometry]:
 
 
 def _printable(cavity: Polygon, fillet_mm: float, arc_segments: int) -> list[Polygon]:
-    """A cavity without its slivers, its corners rounded; nothing when it is too small to print."""
+    """Return a cavity without its slivers, its corners rounded; nothing when it is too small to print."""
     radius = max(MIN_CAVITY_WIDTH_MM / 2, fillet_mm)
     core = cavity.buffer(-radius, join_style="mitre")
     parts = []
@@ -178,7 +178,7 @@ def _printable(cavity: Polygon, fillet_mm: float, arc_segments: int) -> list[Pol
 
 
 def _rounded(core: Polygon, fillet_mm: float, arc_segments: int) -> BaseGeometry:
-    """A convex core grown by the fillet radius all around."""
+    """Grow a convex core by the fillet radius all around."""
     if arc_segments > 1:
         return core.buffer(fillet_mm, quad_segs=arc_segments)
     corners = np.array(shapely.geometry.polygon.orient(core).exterior.coords[:-1])
@@ -219,7 +219,7 @@ class GradedFinRay(FinRay):
     tip_modulus_factor: float = Field(default=1.0, ge=0.3, le=3.0, description="modulus of the tip over the walls'")
 
     def scale_modulus(self, points: np.ndarray) -> np.ndarray:
-        """Factor (n) on Young's modulus at points (n, 2) of the section, mm: of ribs, of the solid tip, else 1."""
+        """Return the factor (n) on Young's modulus at section points (n, 2), mm: of ribs, of the solid tip, else 1."""
         is_tip = points[:, 1] > self.height_mm - self.tip_length_mm
         factor = np.where(is_in_rib(points, self), self.rib_modulus_factor, 1.0)
         return np.where(is_tip, self.tip_modulus_factor, factor)

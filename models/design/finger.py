@@ -38,7 +38,7 @@ class FingerBodies:
 
 
 def finger_bodies(design: Design, mark: str | None = None, fillet_mm: float = 0.5) -> FingerBodies:
-    """Watertight bodies of a finger; `mark` (e.g. `B07T8`) is engraved into the underside of the base."""
+    """Make the watertight bodies of a finger; `mark` (e.g. `B07T8`) is engraved into the underside of the base."""
     compliant = _extrude(design.draw_section(fillet_mm), design.width_mm)
     rigid = trimesh.creation.box(bounds=_base_bounds(design))
     if mark:
@@ -60,7 +60,7 @@ def _extrude(profile: Polygon, width_mm: float) -> trimesh.Trimesh:
 
 
 def _engraving(design: Design, mark: str) -> trimesh.Trimesh:
-    """The mark as a body that reaches `MARK_DEPTH_MM` into the base, readable from below, along the width."""
+    """Make the mark a body that reaches `MARK_DEPTH_MM` into the base, readable from below, along the width."""
     outline: BaseGeometry = text_outline(mark, MARK_HEIGHT_MM)
     fit = min(1.0, (design.width_mm - 2 * MARK_MARGIN_MM) / (outline.bounds[2] - outline.bounds[0]))
     outline = affinity.scale(outline, fit, fit, origin=(0, 0))

@@ -27,7 +27,7 @@ _BELOW = 0.03  # how far a void goes on below the base, as a share of the cavity
 
 
 def _density(place: str) -> float:
-    """A field for one value of the density; `place` says where it lies."""
+    """Make a field for one value of the density; `place` says where it lies."""
     value: float = Field(ge=0, le=1, description=f"density {place}; below 0.5 is a void")
     return value
 
@@ -65,13 +65,13 @@ class FreeForm(Design):
         return TIP_MM
 
     def draw_section(self, fillet_mm: float = 0.5, arc_segments: int = 4) -> Polygon:
-        """The wedge without its voids, mm (see `Design`); voids are round already, so fillets change nothing."""
+        """Draw the wedge without its voids, mm (see `Design`); voids are round already, so fillets change nothing."""
         body = self._outline().difference(shapely.union_all(self._find_voids()))
         parts = [part for part in shapely.get_parts(body) if isinstance(part, Polygon)]
         return shapely.geometry.polygon.orient(max(parts, key=lambda part: part.area))
 
     def list_voids(self) -> list[Polygon]:
-        """The voids above the base, mm."""
+        """List the voids above the base, mm."""
         inside = [part for void in self._find_voids() for part in shapely.get_parts(void.intersection(self._outline()))]
         return [part for part in inside if isinstance(part, Polygon) and part.area > math.ulp(1.0)]
 
@@ -81,12 +81,12 @@ class FreeForm(Design):
         return Polygon([(0.0, BASE_HEIGHT_MM), (foot_x, BASE_HEIGHT_MM), (apex_x, top), (0.0, top)])
 
     def _back_x(self, z_mm: np.ndarray) -> np.ndarray:
-        """The outer side of the back wall at heights z (n)."""
+        """Return the outer side of the back wall at heights z (n)."""
         apex_x = self.front_thickness_mm + APEX_EXTRA_MM
         return self.length_mm + (apex_x - self.length_mm) * z_mm / self.height_mm
 
     def _find_voids(self) -> list[Polygon]:
-        """The voids after the filters of the length scale; the lowest may reach below the base."""
+        """Find the voids after the filters of the length scale; the lowest may reach below the base."""
         from skimage.measure import find_contours
 
         padded = np.pad(self._evaluate_density(), 1, constant_values=1.0)
@@ -100,7 +100,7 @@ class FreeForm(Design):
         return [_simplify(part) for part in _polygons(void) if part.area >= MIN_VOID_MM2]
 
     def _evaluate_density(self) -> np.ndarray:
-        """The smooth density on the grid, across x along."""
+        """Evaluate the smooth density on the grid, across x along."""
         from scipy.interpolate import RectBivariateSpline
 
         values = [[getattr(self, f"{row}_{column}") for column in range(1, _COLUMNS + 1)] for row in _names()]
@@ -109,7 +109,7 @@ class FreeForm(Design):
         return np.asarray(spline(*(np.linspace(0.0, 1.0, n) for n in _GRID)))
 
     def _place(self, contour: np.ndarray) -> np.ndarray:
-        """Points (n, 2) of the padded grid as (x, z) in mm between the walls and below the tip."""
+        """Place points (n, 2) of the padded grid as (x, z) in mm between the walls and below the tip."""
         share = np.clip((contour - 1.0) / (np.array(_GRID) - 1.0), 0.0, 1.0)
         top = self.height_mm - TIP_MM
         bottom = BASE_HEIGHT_MM - _BELOW * (top - BASE_HEIGHT_MM)
@@ -129,5 +129,5 @@ def _polygons(geometry: BaseGeometry) -> list[Polygon]:
 
 
 def _simplify(void: Polygon) -> Polygon:
-    """A void as a polygon of few corners, without holes."""
+    """Simplify a void to a polygon of few corners, without holes."""
     return Polygon(shapely.remove_repeated_points(shapely.simplify(void, _CHORD_MM), MIN_EDGE_MM).exterior)

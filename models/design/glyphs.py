@@ -31,12 +31,12 @@ _STROKE_WIDTH = 0.9  # of the grid; 0.75 mm on a glyph 5 mm high
 
 
 def is_mark(text: str) -> bool:
-    """Whether every character has a glyph."""
+    """Return whether every character has a glyph."""
     return all(character in _GLYPHS for character in text)
 
 
 def text_outline(text: str, height_mm: float) -> BaseGeometry:
-    """The outline of `text` as polygons, centred on the origin, glyphs `height_mm` high.
+    """Draw the outline of `text` as polygons, centred on the origin, glyphs `height_mm` high.
 
     Raises:
         UsageError: a character has no glyph (digits, B, T and hyphen have one).

@@ -44,7 +44,7 @@ class Wall(NamedTuple):
 
 
 def find_wall_questions(walls: Sequence[Wall], others: Mapping[str, Mapping[str, float]]) -> list[Question]:
-    """Questions about the new ones of n walls; `others`: drawn walls of the tools that they may be of, in mm."""
+    """Find questions about the new ones of n walls; `others`: drawn walls of tools that they may be of, in mm."""
     if not any(wall.is_new for wall in walls):
         return []
     rest = np.array([wall.mm - wall.drawn_mm for wall in walls])
@@ -76,7 +76,7 @@ def find_wall_questions(walls: Sequence[Wall], others: Mapping[str, Mapping[str,
 
 
 def _scatter(rest: np.ndarray) -> tuple[float, float]:
-    """What all walls have more than drawn, and the scatter of a wall about it, mm: slips do not move them."""
+    """Find what all walls have more than drawn, and a wall's scatter about it, mm: slips do not move them."""
     if not rest.size:
         return _COMMON_MM[0], _LEAST_OWN_MM
     middle = float(np.median(rest))
@@ -97,7 +97,7 @@ def _find_exchanges(
     common: float,
     own: float,
 ) -> list[Question]:
-    """Tools whose walls are those drawn of another tool, or of themselves in another order."""
+    """Find tools whose walls are those drawn of another tool, or of themselves in another order."""
     better: dict[str, tuple[str, tuple[str, ...]]] = {}  # tool -> whose drawing explains it, and in which order
     for tool, numbers in of_tool.items():
         names = [walls[number].wall for number in numbers]
@@ -140,7 +140,7 @@ def _find_exchanges(
 def _find_copies(
     walls: Sequence[Wall], of_tool: Mapping[str, Sequence[int]], common: float, own: float
 ) -> list[Question]:
-    """Sizes equal to what is drawn, or equal for two tools: nobody measured them."""
+    """Find sizes equal to what is drawn, or equal for two tools: nobody measured them."""
     new = [number for number, wall in enumerate(walls) if wall.is_new]
     step_mm = 10.0 ** -max(_decimals(walls[number].mm) for number in new)
     if step_mm > _FINE_MM:
@@ -178,7 +178,7 @@ def _decimals(value: float) -> int:
 
 
 def shore_a_of_shore_00(hardness_00: float) -> float:
-    """Shore A hardness of a rubber by its Shore 00 hardness: both have the same Young's modulus.
+    """Return a rubber's Shore A hardness by its Shore 00 hardness: both have the same Young's modulus.
 
     A type 00 durometer presses a sphere of 1.19 mm radius with 0.203 + 0.00908 H N and goes 0.025 (100 - H) mm deep
     (ASTM D2240); Hertz (1882) gives the modulus of the incompressible half-space, Gent's formula the Shore A.
@@ -188,7 +188,7 @@ def shore_a_of_shore_00(hardness_00: float) -> float:
 
 
 def shore_a_of_modulus(modulus_mpa: float) -> float:
-    """Inverse of `models.material.modulus_of_hardness_mpa` (Gent 1958)."""
+    """Invert `models.material.modulus_of_hardness_mpa` (Gent 1958)."""
     ratio = 0.137505 * modulus_mpa / 0.0981
     return (254.0 * ratio - 56.0) / (7.62336 + 2.54 * ratio)
 
@@ -196,7 +196,7 @@ def shore_a_of_modulus(modulus_mpa: float) -> float:
 def find_hardness_questions(
     told: Mapping[str, float], known: Sequence[float], lot_shore_a: float | None, modulus_mpa: float | None
 ) -> list[Question]:
-    """Questions about Shore A hardness by tool, told now.
+    """Find questions about Shore A hardness by tool, told now.
 
     known: of other tools of the lot. lot_shore_a, modulus_mpa: of the lot, None where nobody measured them.
     """
@@ -225,7 +225,7 @@ def find_hardness_questions(
 def _expect_hardness(
     beside: Sequence[float], lot_shore_a: float | None, modulus_mpa: float | None
 ) -> tuple[float | None, float, str]:
-    """Expected hardness, how far a sound one is from it, and what says so."""
+    """Return the expected hardness, how far a sound one is from it, and what says so."""
     if lot_shore_a is not None:
         return lot_shore_a, _HARDNESS_SD, f", its lot has {lot_shore_a:g}"
     if beside:

@@ -24,7 +24,7 @@ class PrintingRules(Record):
 
 
 def broken_rules(design: Design, rules: PrintingRules) -> list[str]:
-    """What is wrong with a design, one phrase for each rule it breaks; nothing when it can be printed.
+    """Say what is wrong with a design, one phrase for each rule it breaks; nothing when it can be printed.
 
     A cavity without room for the circle, such as the wedge between a steep rib and the tip, keeps its support or is
     filled (`models.design.fin_ray` fills what a printer cannot resolve): the finger is not the one that was meant.
@@ -53,12 +53,12 @@ def broken_rules(design: Design, rules: PrintingRules) -> list[str]:
 
 
 def printable(points: np.ndarray, rules: PrintingRules, space: DesignSpace = FIN_RAYS) -> np.ndarray:
-    """Mask of the unit-cube points (n x d) whose designs break no rule; a millisecond each."""
+    """Return the mask of the unit-cube points (n x d) whose designs break no rule; a millisecond each."""
     return np.array([not broken_rules(design, rules) for design in space.from_unit(points)], dtype=bool)
 
 
 def _find_thin(design: Design, min_wall_mm: float) -> str:
-    """Where a section is thinner than a circle of this width, in words; empty where it is not.
+    """Find where a section is thinner than a circle of this width, in words; empty where it is not.
 
     What a circle cannot reach is lost when the section is opened by it (eroded, then dilated). Corners of less than the
     circle's own area are no walls.
@@ -76,7 +76,7 @@ def _find_thin(design: Design, min_wall_mm: float) -> str:
 
 
 def estimate_mass_g(design: Design) -> float:
-    """Mass of one printed finger with its base, without support."""
+    """Estimate the mass of one printed finger with its base, without support."""
     from fast.models.design.fin_ray import BASE_HEIGHT_MM
     from fast.models.design.finger import DENSITY_G_PER_MM3  # trimesh takes half a second to import
 

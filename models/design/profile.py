@@ -6,7 +6,7 @@ from fast.models.records import Design
 
 
 def profile_path(design: Design) -> str:
-    """SVG path of the finger's profile, base included, z upwards, in mm."""
+    """Return the SVG path of the finger's profile, base included, z upwards, in mm."""
     profile = design.draw_section()
     rings = [np.array(ring.coords) for ring in (profile.exterior, *profile.interiors)]
     return "".join(_ring(ring, design.height_mm) for ring in rings)

@@ -88,6 +88,6 @@ class Recipe(Record):
         return f"{self.name}, min_wall_mm"
 
     def limit(self, rules: PrintingRules) -> PrintingRules:
-        """The rules with the wall and the gap of this recipe; its gap stands in place of theirs."""
+        """Return the rules with the wall and the gap of this recipe; its gap stands in place of theirs."""
         wall_mm = max(self.wall_mm, rules.min_wall_mm)
         return rules.model_copy(update={"min_wall_mm": wall_mm, "min_cavity_mm": self.support_gap_mm})

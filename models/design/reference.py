@@ -19,7 +19,7 @@ REFERENCES: Mapping[str, FinRay] = {"fin-ray": BEST_PUBLISHED}
 
 
 def make_reference(name: str, family: type[Design]) -> Design:
-    """The reference finger of this name, as a finger of the family of a campaign.
+    """Make the reference finger of this name, as a finger of the family of a campaign.
 
     Families that add parameters to those of the fin ray draw the same finger where these are at their defaults.
 
@@ -38,7 +38,7 @@ def make_reference(name: str, family: type[Design]) -> Design:
 
 
 def reference_within(space: DesignSpace) -> Design | None:
-    """The first reference finger as one of the space's family; None where that cannot draw it or the ranges lack it."""
+    """Give the first reference finger as one of the space's family; None where it cannot draw it or ranges lack it."""
     try:
         design = make_reference(next(iter(REFERENCES)), space.family)
     except UsageError:
@@ -48,7 +48,7 @@ def reference_within(space: DesignSpace) -> Design | None:
 
 
 def find_reference(design: Design) -> str | None:
-    """Name of the reference finger that a design is; None for any other."""
+    """Find the name of the reference finger that a design is; None for any other."""
     if not isinstance(design, FinRay):
         return None
     added = _added(type(design))
@@ -59,5 +59,5 @@ def find_reference(design: Design) -> str | None:
 
 
 def _added(family: type[Design]) -> dict[str, FieldInfo]:
-    """Parameters that a family adds to those of the fin ray."""
+    """Return the parameters that a family adds to those of the fin ray."""
     return {name: field for name, field in family.model_fields.items() if name not in FinRay.model_fields}

@@ -55,7 +55,7 @@ class DesignSpace:
         limits: Sequence[LinearLimit] = (),
         equal: Sequence[Sequence[str]] = (),
     ) -> "DesignSpace":
-        """The space of a family, narrowed to `ranges` and by `limits`; parameters of each of `equal` have one value.
+        """Make a family's space, narrowed to `ranges` and by `limits`; parameters of each of `equal` have one value.
 
         Raises:
             UsageError: a parameter is unknown, a range leaves that of the family or is empty, or parameters cannot be
@@ -103,7 +103,7 @@ class DesignSpace:
         return tuple(column for column, name in enumerate(self.names) if name.endswith("_thickness_mm"))
 
     def to_unit(self, designs: Sequence[Design]) -> np.ndarray:
-        """Designs as points of the unit cube, n x d; k levels are equally spaced from 0 to 1.
+        """Return designs as points of the unit cube, n x d; k levels are equally spaced from 0 to 1.
 
         Raises:
             UsageError: this is no list of designs.
@@ -117,7 +117,7 @@ class DesignSpace:
         return (values - self.lower) / self._span
 
     def from_unit(self, points: np.ndarray) -> list[Design]:
-        """Inverse of `to_unit` for an n x d array; levels are rounded to the nearest, the rest to 0.01 um.
+        """Undo `to_unit` for an n x d array; levels are rounded to the nearest, the rest to 0.01 um.
 
         Raises:
             UsageError: points have another number of columns, or one is not finite.
@@ -135,7 +135,7 @@ class DesignSpace:
         return [self._design(row) for row in values.reshape(-1, self.n_dims)]
 
     def snap(self, points: np.ndarray) -> np.ndarray:
-        """Unit-cube points with stepped parameters moved to their nearest level and tied ones to the first, n x d."""
+        """Move stepped parameters of unit-cube points to their nearest level and tied ones to the first, n x d."""
         snapped = np.array(points, dtype=float)
         for column in self.stepped:
             steps = max(self.n_levels[column] - 1, 1)
@@ -143,12 +143,12 @@ class DesignSpace:
         return self._tie(snapped)
 
     def draw_level(self, column: int, n: int, rng: np.random.Generator) -> np.ndarray:
-        """N random levels of a stepped parameter, in the unit cube."""
+        """Draw n random levels of a stepped parameter, in the unit cube."""
         levels = self.n_levels[column]
         return rng.integers(0, levels, n) / max(levels - 1, 1)
 
     def random_unit(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """Uniform points of the space in the unit cube, n x d; every level is equally likely.
+        """Draw uniform points of the space in the unit cube, n x d; every level is equally likely.
 
         Raises:
             UsageError: the limits leave (nearly) no room, or `n` or `rng` is something else.
@@ -170,11 +170,11 @@ class DesignSpace:
         )
 
     def random_designs(self, n: int, rng: np.random.Generator) -> list[Design]:
-        """Uniform random designs, the paper's initial batch."""
+        """Draw uniform random designs, the paper's initial batch."""
         return self.from_unit(self.random_unit(n, rng))
 
     def with_all_levels(self, points: np.ndarray) -> np.ndarray:
-        """Each of n points with each level of each stepped parameter in turn, n x k x d; k is 0 without such."""
+        """Give each of n points with each level of each stepped parameter in turn, n x k x d; k is 0 without such."""
         variants = []
         for column in self.stepped:
             levels = self.n_levels[column]
@@ -184,7 +184,7 @@ class DesignSpace:
         return self._tie(np.concatenate([np.zeros((len(points), 0, self.n_dims)), *variants], axis=1))
 
     def keeps_limits(self, points: np.ndarray) -> np.ndarray:
-        """Mask (n) of unit-cube points (n, d) that keep the linear limits."""
+        """Return the mask (n) of unit-cube points (n, d) that keep the linear limits."""
         values = self.lower + np.asarray(points, dtype=float) * (self.upper - self.lower)
         kept = np.ones(len(values), dtype=bool)
         for limit in self.limits:
@@ -211,13 +211,13 @@ class DesignSpace:
         return self._tie(points)
 
     def _tie(self, points: np.ndarray) -> np.ndarray:
-        """The points with tied parameters at the value of the first of them; changed in place."""
+        """Tie the points' tied parameters to the value of the first of them; changed in place."""
         for first, *others in self.tied:
             points[..., others] = points[..., [first]]
         return points
 
     def _values(self, design: Design) -> list[float]:
-        """The design's parameters as numbers: a choice as its place.
+        """Return the design's parameters as numbers: a choice as its place.
 
         Raises:
             UsageError: it is no design, or of another family.
@@ -259,7 +259,7 @@ def _check_equal(family: type[Design], group: Sequence[str], n_levels: Sequence[
 
 
 def _choices(family: type[Design], name: str) -> tuple[Any, ...]:
-    """The values of a parameter that is a choice; none for a number."""
+    """Return the values of a parameter that is a choice; none for a number."""
     annotation = family.model_fields[name].annotation
     return get_args(annotation) if get_origin(annotation) is Literal else ()
 
@@ -294,7 +294,7 @@ def _range(family: type[Design], name: str, asked: tuple[float, float] | None) -
 
 
 def space_of(designs: Sequence[Design]) -> DesignSpace:
-    """The whole space of the family that all these designs are of; without designs that of fin rays.
+    """Return the whole space of the family that all these designs are of; without designs that of fin rays.
 
     Raises:
         UsageError: they are of several families.
@@ -335,7 +335,7 @@ BEST_PUBLISHED = FinRay(
 
 
 def from_unit(points: np.ndarray) -> list[Design]:
-    """Inverse of `to_unit` for an n x 9 array; a rib count is rounded to the nearest, the rest to 0.01 um.
+    """Undo `to_unit` for an n x 9 array; a rib count is rounded to the nearest, the rest to 0.01 um.
 
     Raises:
         UsageError: points have another number of columns, or a value is no number, not finite or not from 0 to 1.
@@ -354,5 +354,5 @@ def from_unit(points: np.ndarray) -> list[Design]:
 
 
 def numbered_design(number: int) -> Design:
-    """Design `number` (from 0) of one fixed sequence of random designs, for benchmarks and their repetition."""
+    """Return design `number` (from 0) of one fixed sequence of random designs, for benchmarks and their repetition."""
     return random_designs(1, np.random.default_rng([SEQUENCE_SEED, number]))[0]

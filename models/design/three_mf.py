@@ -46,7 +46,7 @@ class Part(NamedTuple):
 
 
 def write_3mf(parts: Sequence[Part], materials: Mapping[str, BaseMaterial]) -> bytes:
-    """The 3MF file of parts on a build plate; each body names the material of its key, and is called `PART_key`.
+    """Write the 3MF file of parts on a build plate; a body names the material of its key, and is called `PART_key`.
 
     Raises:
         KeyError: a body has a key that is no material.
@@ -90,5 +90,5 @@ def _mesh(body: trimesh.Trimesh) -> str:
 
 
 def _numbers(values: np.ndarray) -> str:
-    """Numbers of the transform in 3MF's order: columns of the 3 x 4 matrix one after the other."""
+    """Write the transform's numbers in 3MF's order: columns of the 3 x 4 matrix one after the other."""
     return " ".join(f"{value:.7g}" for value in values.ravel().tolist())

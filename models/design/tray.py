@@ -71,7 +71,7 @@ class _End(NamedTuple):
 
 
 def _place_pair(item: PrintItem, end: _End, bed_mm: tuple[float, float]) -> tuple[list[PlacedFinger], _End]:
-    """The fingers of a tool from `end` on, and where the next tool begins."""
+    """Place the fingers of a tool from `end` on, and tell where the next tool begins."""
     length, height, pair = item.design.length_mm, item.design.height_mm, []
     for _ in range(FINGERS_PER_TOOL):
         if end.x_mm + length + GAP_MM > bed_mm[0]:
@@ -98,13 +98,13 @@ def check_bed(length_mm: float, height_mm: float, bed_mm: tuple[float, float], w
 
 
 def name_trays(layout: Sequence[PlacedFinger]) -> list[str]:
-    """File names of the plates of a batch: `tray.3mf`, or `tray-1.3mf` and so on where it takes several."""
+    """Name the plate files of a batch: `tray.3mf`, or `tray-1.3mf` and so on where it takes several."""
     n_plates = 1 + max(place.plate for place in layout)
     return ["tray.3mf"] if n_plates == 1 else [f"tray-{number}.3mf" for number in range(1, n_plates + 1)]
 
 
 def tray_files(items: Sequence[PrintItem], recipe: Recipe | None = None) -> dict[str, bytes]:
-    """Files to print: per tool one STL per body, and per plate a 3MF file with every finger in its place.
+    """Make the files to print: per tool one STL per body, per plate a 3MF file with every finger in its place.
 
     Raises:
         UsageError: a finger is larger than the build plate.
@@ -127,7 +127,7 @@ def tray_files(items: Sequence[PrintItem], recipe: Recipe | None = None) -> dict
 
 
 def bed_of(recipe: Recipe | None) -> tuple[float, float]:
-    """The build plate of a recipe; without one that of the paper's printer."""
+    """Return the build plate of a recipe; without one that of the paper's printer."""
     return BED_MM if recipe is None else recipe.bed_mm
 
 
@@ -145,6 +145,6 @@ def _stl(body: trimesh.Trimesh) -> bytes:
 
 
 def lying(place: PlacedFinger) -> np.ndarray:
-    """Finger frame (x, y, z) to plate: x stays, z lies along the plate's y, the width points up."""
+    """Turn the finger frame (x, y, z) to the plate: x stays, z lies along the plate's y, the width points up."""
     half = place.design.width_mm / 2
     return np.array([[1, 0, 0, place.x_mm], [0, 0, 1, place.y_mm], [0, -1, 0, half], [0, 0, 0, 1]], dtype=float)

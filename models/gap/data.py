@@ -28,7 +28,7 @@ class GapData:
 
     @staticmethod
     def of_all(grasps: Grasps, bank: Bank, facts: tuple[Fact, ...] = ()) -> "GapData":
-        """Grasps of which none is held out."""
+        """Take grasps of which none is held out."""
         tools, objects = (np.zeros(len(names), dtype=bool) for names in (grasps.tools, grasps.objects))
         return GapData(grasps, bank, tools, objects, facts)
 

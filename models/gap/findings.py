@@ -49,7 +49,7 @@ class Candidate(Record):
     @model_validator(mode="before")
     @classmethod
     def _read_older(cls, data: Any) -> Any:
-        """Searches of before 0.3 ranked by what held-out grasps gained."""
+        """Read searches of before 0.3, which ranked by what held-out grasps gained."""
         if isinstance(data, dict) and "held_out_gain_nats" in data:
             kept = {key: value for key, value in data.items() if key not in _OF_HELD_OUT}
             return {**kept, "nats": data["held_out_gain_nats"]}
@@ -264,7 +264,7 @@ class NextExperiment(Record):
     @model_validator(mode="before")
     @classmethod
     def _read_older(cls, data: Any) -> Any:
-        """Searches of before 2.1 gave a setting without a tool, as a sentence."""
+        """Read searches of before 2.1, which gave a setting without a tool, as a sentence."""
         if isinstance(data, dict) and "n_grasps" in data:
             kept = {name: data[name] for name in ("separates", "sentence")}
             return {**kept, "promised_grasps": data["n_grasps"]}
@@ -377,7 +377,7 @@ class Findings(Record):
         return not self.alarm and asked is not None and bool(asked.grasps) and not asked.parameter
 
     def is_leftover(self, place: int) -> bool:
-        """Whether a later round speaks of what an earlier name left over, and not of something else that is missing.
+        """Return whether a later round speaks of what an earlier name left over, and not of something else missing.
 
         Law and parameters of a name are never exact: what they leave is less than a tenth of what the name explained,
         or is taken by an effect of the same family, or by one that does not make held-out errors smaller.

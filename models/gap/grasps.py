@@ -41,7 +41,7 @@ class Cells:
 
     @staticmethod
     def full(designs: Sequence[Design], objects: Sequence[int], setup: GraspSetup) -> "Cells":
-        """Every design on every object by one setup."""
+        """Pair every design with every object by one setup."""
         targets = tuple(Target(object_id, setup) for object_id in objects)
         return Cells(tuple(designs), targets, np.ones((len(designs), len(targets)), dtype=bool))
 
@@ -107,7 +107,7 @@ class Grasps:
         return Cells(self.designs, (*usual.targets, *others), np.hstack([usual.is_wanted, is_wanted]))
 
     def select(self, rows: np.ndarray) -> "Grasps":
-        """The grasps of these rows, with all tools and objects."""
+        """Return the grasps of these rows, with all tools and objects."""
         return replace(
             self,
             tool=self.tool[rows],
@@ -138,12 +138,12 @@ class Grasps:
 
 
 def of_one_setup(n: int, setup: GraspSetup = _USUAL) -> dict[str, Any]:
-    """Fields of `Grasps` that were all made in one way, with the object at its place."""
+    """Return fields of `Grasps` that were all made in one way, with the object at its place."""
     nothing = np.zeros(n, dtype=int)
     return {"setups": (setup,), "setup": nothing, "placements": (Placement(),), "placement": nothing}
 
 
 def number_distinct(values: Sequence[_T], first: _T) -> tuple[tuple[_T, ...], np.ndarray]:
-    """Distinct values in order, `first` before all, and the number of each value (n) into them."""
+    """List distinct values in order, `first` before all, and the number of each value (n) into them."""
     distinct = tuple(dict.fromkeys([first, *values]))
     return distinct, np.array([distinct.index(value) for value in values], dtype=int)

@@ -31,7 +31,7 @@ _NEAR_RUN = 0.1  # of its amplitude and its shape: a run as near as that to anot
 def name_locally(
     proposed: NamingResult, former: BankPlan | None, name_in: Callable[[BankPlan], tuple[_T, NamingResult]]
 ) -> tuple[_T, NamingResult, BankPlan]:
-    """The answer in the bank around the theta that the wide one proposes, what comes with it, and the bank.
+    """Answer in the bank around the theta that the wide one proposes; also give what comes with it, and the bank.
 
     former: the bank of the round before, which stays if it can. A bank that theta leaves is moved, once; one whose
     answer names a simulated effect gets runs at its fitted parameters. answer: simulates a bank and answers in it.
@@ -51,7 +51,7 @@ def name_locally(
 
 
 def add_runs(found: NamingResult, plan: BankPlan) -> BankPlan:
-    """The bank with a run at the fitted parameters of every effect of an answer that has none near it.
+    """Add to the bank a run at the fitted parameters of every effect of an answer that has none near it.
 
     Parameters are rounded, so that the next search finds the run in the lake.
     """
@@ -74,7 +74,7 @@ def _is_near(effect: str, first: Mapping[str, float], second: Mapping[str, float
 
 
 def choose_bank(proposed: NamingResult, former: BankPlan | None = None) -> BankPlan:
-    """The bank to answer in after a round's proposal: the former one with more effects, else one around its theta.
+    """Choose the bank to answer in after a round's proposal: the former with more effects, or one around its theta.
 
     The grid holds theta with the best effect and without any: else a theta that may not go where it wants would make
     every effect look needed.
@@ -85,17 +85,17 @@ def choose_bank(proposed: NamingResult, former: BankPlan | None = None) -> BankP
 
 
 def has_left(found: NamingResult, plan: BankPlan) -> bool:
-    """Whether theta, with what was named or without, wants to leave the grid of the bank in which it was fitted."""
+    """Return whether theta, with what was named or without, wants to leave the grid of the bank it was fitted in."""
     return plan.is_at_edge(found.fit.theta) or plan.is_at_edge(found.best.theta)
 
 
 def move_bank(found: NamingResult, plan: BankPlan) -> BankPlan:
-    """The bank, with the same effects, around where theta went."""
+    """Move the bank, with the same effects, to around where theta went."""
     return BankPlan.around(found.best.theta, _list_reached(found), _merge(plan.effects, _list_effects(found)))
 
 
 def _list_effects(found: NamingResult) -> tuple[str, ...]:
-    """Simulated effects that are in the model, and those for which there is most evidence.
+    """List the simulated effects that are in the model, and those for which there is most evidence.
 
     Where repeats tell that something changes, also jaws that stop early: that is one of the things that may change.
     """
@@ -107,17 +107,17 @@ def _list_effects(found: NamingResult) -> tuple[str, ...]:
 
 
 def _merge(*effects: tuple[str, ...]) -> tuple[str, ...]:
-    """All of these that are simulated, in the order of the bank."""
+    """Merge all of these that are simulated, in the order of the bank."""
     return tuple(name for name in SIMULATED if any(name in some for some in effects))
 
 
 def _list_reached(found: NamingResult) -> np.ndarray:
-    """Frictions and Poisson ratios (p x 2) that the posterior of theta may reach, with what was named and without."""
+    """List frictions and Poisson ratios (p x 2) that theta's posterior may reach, with what was named and without."""
     return np.concatenate([_reach(fit) for fit in (found.fit, found.best)])
 
 
 def _reach(fit: Fit) -> np.ndarray:
-    """Ends of friction and Poisson ratio of a fit, 2 x 2."""
+    """Find the ends of friction and Poisson ratio of a fit, 2 x 2."""
     at = fit.theta[1:]
     beside = np.array([_BESIDE_SHARE * at[0], _BESIDE_RATIO])
     most = 2.0 * np.array([LOCAL_FRICTION_SHARE * at[0], LOCAL_RATIO])

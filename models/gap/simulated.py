@@ -29,7 +29,7 @@ class Beside:
 
 
 def stand_beside(data: GapData, simulated_n: np.ndarray) -> Beside:
-    """The grasps of `data` beside forces that another simulator predicts of them (n x 120)."""
+    """Put the grasps of `data` beside forces that another simulator predicts of them (n x 120)."""
     rows = np.flatnonzero(np.isfinite(simulated_n).all(axis=1))
     grasps = data.grasps.select(rows)
     own = replace(data, grasps=replace(grasps, steps_n=simulated_n[rows]))
@@ -43,6 +43,6 @@ def stand_beside(data: GapData, simulated_n: np.ndarray) -> Beside:
 
 
 def _predict(fit: EvidenceFit, data: GapData) -> np.ndarray:
-    """Step means of every grasp at a fit, n x 120."""
+    """Predict the step means of every grasp at a fit, n x 120."""
     factor = np.exp(fit.moduli)[data.grasps.tool][:, None]
     return np.asarray(factor * data.surrogate.predict_steps(fit.theta, ()))

@@ -20,7 +20,7 @@ class Factored(NamedTuple):
 
 
 def log_normal(K: np.ndarray, y: np.ndarray) -> Factored | None:
-    """Density of `y` (n) under N(0, K); overwrites K where it is in Fortran order. None where K is singular."""
+    """Compute the density of `y` (n) under N(0, K); overwrites K if in Fortran order. None where K is singular."""
     factor, failed = dpotrf(K, lower=1, clean=0, overwrite_a=1)
     if failed:
         return None
@@ -31,7 +31,7 @@ def log_normal(K: np.ndarray, y: np.ndarray) -> Factored | None:
 
 
 def half_weights(factored: Factored) -> np.ndarray:
-    """W = (a a' - K^-1) / 2, n x n symmetric; destroys the factor."""
+    """Compute W = (a a' - K^-1) / 2, n x n symmetric; destroys the factor."""
     inverse, _ = dpotri(factored.factor, lower=1, overwrite_c=1)
     # Fortran order: the lower triangle is the upper one of the transpose, whose rows are contiguous.
     weights = np.empty_like(inverse, order="C")
@@ -41,7 +41,7 @@ def half_weights(factored: Factored) -> np.ndarray:
 
 @nb.njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def _fill_weights(inverse: np.ndarray, alpha: np.ndarray, weights: np.ndarray) -> None:
-    """W from the upper triangle of K^-1 (n x n) and K^-1 y (n), in blocks that stay in the cache."""
+    """Fill W from the upper triangle of K^-1 (n x n) and K^-1 y (n), in blocks that stay in the cache."""
     n, size = len(alpha), 32
     for row in range(0, n, size):
         for column in range(row, n, size):
@@ -53,7 +53,7 @@ def _fill_weights(inverse: np.ndarray, alpha: np.ndarray, weights: np.ndarray) -
 
 
 def lengthscale_gradient(M: np.ndarray, x: np.ndarray, lengthscales: np.ndarray) -> np.ndarray:
-    """sum_ij M_ij (x_id - x_jd)^2 / l_d^2 for every input d, with M symmetric: one product instead of d.
+    """Compute sum_ij M_ij (x_id - x_jd)^2 / l_d^2 for every input d, with M symmetric: one product instead of d.
 
     With M = W * slope of `matern52_with_slope` this is d log p / d log l_d.
     """

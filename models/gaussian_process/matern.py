@@ -22,7 +22,7 @@ class MaternWithSlope(NamedTuple):
 
 
 def matern52(x1: np.ndarray, x2: np.ndarray, lengthscales: np.ndarray, sd: float) -> np.ndarray:
-    """Covariance between the rows of `x1` (n x d) and `x2` (m x d), n x m, in sd^2."""
+    """Compute the covariance between the rows of `x1` (n x d) and `x2` (m x d), n x m, in sd^2."""
     r = _scaled_distance(x1, x2, lengthscales)
     polynomial = r * (1.0 / 3.0)
     polynomial += 1.0
@@ -36,7 +36,7 @@ def matern52(x1: np.ndarray, x2: np.ndarray, lengthscales: np.ndarray, sd: float
 
 
 def matern52_with_slope(x: np.ndarray, lengthscales: np.ndarray, sd: float) -> MaternWithSlope:
-    """Covariance among the rows of `x` (n x d) and its slope, each n x n."""
+    """Compute the covariance among the rows of `x` (n x d) and its slope, each n x n."""
     scaled = np.ascontiguousarray((x * (np.sqrt(5.0) / lengthscales)).T)
     covariance, slope = np.empty((len(x), len(x))), np.empty((len(x), len(x)))
     _fill_matern(scaled, sd**2 / 3.0, covariance, slope)
@@ -44,7 +44,7 @@ def matern52_with_slope(x: np.ndarray, lengthscales: np.ndarray, sd: float) -> M
 
 
 def matern52_cross_with_slope(x1: np.ndarray, x2: np.ndarray, lengthscales: np.ndarray, sd: float) -> MaternWithSlope:
-    """Covariance between the rows of `x1` (n x d) and `x2` (m x d) and its slope, each n x m."""
+    """Compute the covariance between the rows of `x1` (n x d) and `x2` (m x d) and its slope, each n x m."""
     r = _scaled_distance(x1, x2, lengthscales)
     slope = np.exp(-r)
     slope *= sd**2 / 3.0
@@ -59,7 +59,7 @@ def matern52_cross_with_slope(x1: np.ndarray, x2: np.ndarray, lengthscales: np.n
 
 @nb.njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
 def _fill_matern(scaled: np.ndarray, third: float, covariance: np.ndarray, slope: np.ndarray) -> None:
-    """Both n x n matrices from scaled inputs (d x n) and sd^2 / 3: one pass over a triangle, which is then mirrored.
+    """Fill both n x n matrices from scaled inputs (d x n) and sd^2 / 3: one pass over a triangle, then mirrored.
 
     Whole-array operations would go through memory a dozen times; that, not arithmetic, is their cost.
     """
@@ -95,7 +95,7 @@ def mirror_lower(matrix: np.ndarray) -> None:
 
 
 def _scaled_distance(x1: np.ndarray, x2: np.ndarray, lengthscales: np.ndarray) -> np.ndarray:
-    """sqrt(5) times the lengthscale-weighted distance; the gemm form loses ~1e-8, so it is clipped at zero."""
+    """Compute sqrt(5) times the lengthscale-weighted distance; the gemm form loses ~1e-8: clipped at zero."""
     z1 = x1 * (np.sqrt(5.0) / lengthscales)
     z2 = x2 * (np.sqrt(5.0) / lengthscales)
     squared = z1 @ (-2.0 * z2.T)

@@ -42,7 +42,7 @@ def check_one_piece(mesh: trimesh.Trimesh, source: str) -> None:
 
 
 def join_bodies(mesh: trimesh.Trimesh, source: str) -> trimesh.Trimesh:
-    """The solid of a closed mesh in mm: bodies that overlap are one, and lose the faces that lie inside of it.
+    """Join a closed mesh in mm to one solid: bodies that overlap are one, and lose the faces that lie inside of it.
 
     A body that is turned inside out is a cavity of the smallest body that it lies in.
 
@@ -75,7 +75,7 @@ def join_bodies(mesh: trimesh.Trimesh, source: str) -> trimesh.Trimesh:
 
 
 def _without_doubles(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """The mesh without the triangles that it has twice, if it stays closed: a body that was exported twice."""
+    """Return the mesh without the triangles that it has twice, if it stays closed: a body that was exported twice."""
     single = mesh.copy()
     single.update_faces(single.unique_faces())
     _, n_faces = np.unique(single.edges_sorted, axis=0, return_counts=True)
@@ -83,7 +83,7 @@ def _without_doubles(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
 
 
 def _find_around(cavity: trimesh.Trimesh, solids: Sequence[trimesh.Trimesh], source: str) -> int:
-    """Number of the first solid that a cavity lies in."""
+    """Find the number of the first solid that a cavity lies in."""
     for number, solid in enumerate(solids):
         (low, high), (from_mm, to_mm) = cavity.bounds, solid.bounds
         if (low < from_mm - TOUCH_MM).any() or (high > to_mm + TOUCH_MM).any():
@@ -124,7 +124,7 @@ def _check_groups(group_of: np.ndarray, gaps_mm: np.ndarray, source: str, is_wit
 
 
 def _find_gap_mm(one: np.ndarray, other: np.ndarray) -> float:
-    """Distance of two solids, to `_ACCURACY_MM`; not exact below `TOUCH_MM`.
+    """Find the distance of two solids, to `_ACCURACY_MM`; not exact below `TOUCH_MM`.
 
     Half of it is the least value of the larger of their two distances: cells in which no point can be better than the
     best one so far are left out, the others are divided.
@@ -145,7 +145,7 @@ def _find_gap_mm(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def _find_bodies(mesh: trimesh.Trimesh) -> np.ndarray:
-    """Number of the body of each triangle; those that share a corner are of one body."""
+    """Find the number of the body of each triangle; those that share a corner are of one body."""
     n = len(mesh.vertices)
     graph = coo_array((np.ones(len(mesh.edges), dtype=bool), tuple(mesh.edges.T)), shape=(n, n))
     _, part_of = connected_components(graph, directed=False)
@@ -154,7 +154,7 @@ def _find_bodies(mesh: trimesh.Trimesh) -> np.ndarray:
 
 
 def _find_gaps_mm(mesh: trimesh.Trimesh, body_of: np.ndarray, n_bodies: int) -> np.ndarray:
-    """Distances (n_bodies, n_bodies) of the surfaces of bodies, from their corners and points in between.
+    """Find the distances (n_bodies, n_bodies) of the surfaces of bodies, from their corners and points in between.
 
     The distance of their boxes where that is above `TOUCH_MM` already.
     """
@@ -177,7 +177,7 @@ def _find_gaps_mm(mesh: trimesh.Trimesh, body_of: np.ndarray, n_bodies: int) -> 
 
 
 def _is_within(mesh: trimesh.Trimesh, is_own: np.ndarray) -> bool:
-    """Whether triangles lie in the material that the others enclose: by their winding number about a corner of it."""
+    """Return whether triangles lie in material the others enclose: by their winding number about a corner of it."""
     a, b, c = np.moveaxis(mesh.triangles[~is_own] - mesh.triangles[is_own][0, 0], 1, 0)
     la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
     volume = np.einsum("ij,ij->i", a, np.cross(b, c))

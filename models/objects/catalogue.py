@@ -19,7 +19,7 @@ class ObjectSource(Protocol):
     """What knows own objects by number: a lake."""
 
     def find_object(self, object_id: int) -> RigidObject | None:
-        """The own object with this number, if it is known here."""
+        """Find the own object with this number, if it is known here."""
         ...
 
 
@@ -33,7 +33,7 @@ def register(obj: RigidObject) -> None:
 
 
 def list_known() -> tuple[RigidObject, ...]:
-    """The 36, and the own objects that this process knows."""
+    """List the 36, and the own objects that this process knows."""
     return (*OBJECTS, *_OWN.values())
 
 
@@ -43,7 +43,7 @@ def add_source(source: ObjectSource) -> None:
 
 
 def find_object(object_id: int) -> RigidObject | None:
-    """The object with this number; None where neither this process nor a lake that it has open knows it."""
+    """Find the object with this number; None where neither this process nor a lake that it has open knows it."""
     if 0 <= object_id < len(OBJECTS):
         return OBJECTS[object_id]
     if object_id in _OWN or object_id < FIRST_OWN_ID:
@@ -57,7 +57,7 @@ def find_object(object_id: int) -> RigidObject | None:
 
 
 def get_object(object_id: int) -> RigidObject:
-    """The object with this number.
+    """Return the object with this number.
 
     Raises:
         UsageError: there is no such object, or it is no number.
@@ -74,7 +74,7 @@ def get_object(object_id: int) -> RigidObject:
 
 
 def name_object(object_id: int) -> str:
-    """Name and number of an object; the number alone where nothing has it."""
+    """Return the name and number of an object; the number alone where nothing has it."""
     found = find_object(object_id)
     return f"object {object_id}" if found is None else f"{found.name} ({object_id})"
 

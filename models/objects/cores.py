@@ -39,7 +39,7 @@ _TINY_MM = 1e-12  # a point this near to an edge or corner has no direction from
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def core_distance(rows: np.ndarray, i: int, x: float, y: float, z: float) -> Gradient3:
-    """Distance to the core of row `i` of (n, N_COLUMNS)."""
+    """Compute the distance to the core of row `i` of (n, N_COLUMNS)."""
     kind = int(rows[i, KIND])
     if kind == POINT:
         return _from_closest(x, y, z)
@@ -66,7 +66,7 @@ def core_distance(rows: np.ndarray, i: int, x: float, y: float, z: float) -> Gra
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _from_closest(x: float, y: float, z: float) -> Gradient3:
-    """Distance from a closest point that is (x, y, z) away."""
+    """Compute the distance from a closest point that is (x, y, z) away."""
     d = math.sqrt(x * x + y * y + z * z)
     if d < _TINY_MM:
         return d, 0.0, 0.0, 1.0
@@ -75,7 +75,7 @@ def _from_closest(x: float, y: float, z: float) -> Gradient3:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _polar(x: float, y: float) -> tuple[float, float, float]:
-    """Distance from the z axis and its direction (cosine, sine)."""
+    """Compute the distance from the z axis and its direction (cosine, sine)."""
     rho = math.sqrt(x * x + y * y)
     if rho < _TINY_MM:
         return rho, 1.0, 0.0
@@ -97,7 +97,7 @@ def _box(a: float, b: float, c: float, x: float, y: float, z: float) -> Gradient
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _ellipsoid(a: float, b: float, c: float, x: float, y: float, z: float) -> Gradient3:
-    """Distance to an ellipsoid.
+    """Compute the distance to an ellipsoid.
 
     In the first octant the closest point is (a^2 x / (t + a^2), ...) with t the largest root of
     g(t) = (a x / (t + a^2))^2 + (b y / (t + b^2))^2 + (c z / (t + c^2))^2 - 1. g is convex and falls on the
@@ -123,7 +123,7 @@ def _ellipsoid(a: float, b: float, c: float, x: float, y: float, z: float) -> Gr
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _polygon(rows: np.ndarray, row: int, x: float, y: float, has_axis: bool) -> Gradient2:
-    """Distance to the polygon of a row (vertices anticlockwise); edges on the axis x = 0 are no surface."""
+    """Compute the distance to a row's polygon (vertices anticlockwise); edges on the axis x = 0 are no surface."""
     n = int(rows[row, N_VERTICES])
     best, best_x, best_y, edge_x, edge_y, is_face = np.inf, 0.0, 0.0, 0.0, 1.0, False
     is_inside = False
@@ -163,7 +163,7 @@ def _prism(rows: np.ndarray, row: int, x: float, y: float, z: float) -> Gradient
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _square_lathe(rows: np.ndarray, row: int, x: float, y: float, z: float) -> Gradient3:
-    """Distance to a body of square sections.
+    """Compute the distance to a body of square sections.
 
     The body is symmetric under folds into x >= y >= 0, so the closest point lies in the same wedge: on one of the
     trapezoids that the edges of the profile (half side, z) sweep while y goes from minus to plus the half side.
@@ -199,7 +199,7 @@ def _square_lathe(rows: np.ndarray, row: int, x: float, y: float, z: float) -> G
 def _to_trapezoid(
     ax: float, az: float, bx: float, bz: float, x: float, y: float, z: float
 ) -> tuple[float, float, float, bool]:
-    """Vector from the closest point of the trapezoid (ax, +-ax, az) - (bx, +-bx, bz), and if that lies within it.
+    """Find the vector from the closest point of trapezoid (ax, +-ax, az) - (bx, +-bx, bz), and if that lies in it.
 
     The trapezoid is convex: a point beyond an end but between the slanted sides is closest to that end, any other
     point beyond a slanted side (y > 0 here) to that side.
@@ -217,7 +217,7 @@ def _to_trapezoid(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _grid(rows: np.ndarray, row: int, x: float, y: float, z: float) -> Gradient3:
-    """Distance to a solid on a grid: a spline of degree 2, or planes, within the grid, a lower bound outside it.
+    """Compute the distance to a solid on a grid: a degree-2 spline, or planes, in the grid, a lower bound outside.
 
     From a point outside a box that holds the solid, the way to the solid is at least the hypotenuse of the way to the
     nearest point of the box and the distance there, since the box lies behind that point. The normal is that from
@@ -246,7 +246,7 @@ def _grid(rows: np.ndarray, row: int, x: float, y: float, z: float) -> Gradient3
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _edge_at(rows: np.ndarray, row: int, u: float, v: float, w: float) -> int:
-    """The column where the planes of a GRID begin that hold at (u, v, w) spacings; 0 where the spline does."""
+    """Find the column where a GRID's planes begin that hold at (u, v, w) spacings; 0 where the spline does."""
     nx, ny, nz = int(rows[row, VALUES]), int(rows[row, VALUES + 1]), int(rows[row, VALUES + 2])
     first = GRID_VALUES + 3 * int(rows[row, N_VERTICES]) + nx * ny * nz
     at = first + int(u + 0.5) * ny + int(v + 0.5)
@@ -264,7 +264,7 @@ def _edge_at(rows: np.ndarray, row: int, u: float, v: float, w: float) -> int:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def wedge(rows: np.ndarray, row: int, edge: int, u: float, v: float, w: float) -> Gradient3:
-    """Distance in spacings to what planes bound; the numbers of these begin at column `edge` of the row.
+    """Compute the distance in spacings to what planes bound; their numbers begin at column `edge` of the row.
 
     The way to what lies behind all planes is a sum of steps l_a >= 0 along the normals of some of them, at most three,
     whose distances it brings to 0. It is the longest one of that kind, as the way to fewer planes is no longer.
@@ -315,7 +315,7 @@ def wedge(rows: np.ndarray, row: int, edge: int, u: float, v: float, w: float) -
 
 @njit(inline="always")
 def _to_plane(rows: np.ndarray, row: int, edge: int, a: int, u: float, v: float, w: float) -> float:
-    """How far a point lies before plane `a`, or behind it where what lies behind any plane is solid."""
+    """Return how far a point lies before plane `a`, or behind it if what lies behind any plane is solid."""
     at = edge + EDGE_PLANES + 4 * a
     d = rows[row, at] * u + rows[row, at + 1] * v + rows[row, at + 2] * w - rows[row, at + 3]
     return rows[row, edge + EDGE_SIGN] * d
@@ -323,13 +323,13 @@ def _to_plane(rows: np.ndarray, row: int, edge: int, a: int, u: float, v: float,
 
 @njit(inline="always")
 def _dot(rows: np.ndarray, row: int, p: int, q: int) -> float:
-    """Product of the normals at two columns."""
+    """Compute the product of the normals at two columns."""
     return rows[row, p] * rows[row, q] + rows[row, p + 1] * rows[row, q + 1] + rows[row, p + 2] * rows[row, q + 2]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def spline(rows: np.ndarray, row: int, u: float, v: float, w: float) -> Gradient3:
-    """Value and gradient (both per spacing along the grid) of the spline at (u, v, w) spacings from the first point."""
+    """Compute value and gradient (both per grid spacing) of the spline at (u, v, w) spacings from the first point."""
     ny, nz = int(rows[row, VALUES + 1]), int(rows[row, VALUES + 2])
     i, j, k = int(u + 0.5), int(v + 0.5), int(w + 0.5)
     p, q, r = u - i, v - j, w - k

@@ -15,12 +15,12 @@ _MARGIN_MM = 1e-9  # far above rounding
 
 
 def distance(primitives: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Signed distance (n) in mm at `points` (n, 3) to the union of `primitives` (see `models.objects.primitives`)."""
+    """Return signed distance (n), mm, at `points` (n, 3) to the union of `primitives` (`models.objects.primitives`)."""
     return _distances(_prepare(primitives), _prepare(points))
 
 
 def distance_and_normal(primitives: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Signed distance (n) in mm and unit outward normal (n, 3) at `points` (n, 3).
+    """Compute the signed distance (n) in mm and unit outward normal (n, 3) at `points` (n, 3).
 
     Normals are exact gradients of the distance (see `models.objects.cores` for where there is none).
     """
@@ -28,7 +28,7 @@ def distance_and_normal(primitives: np.ndarray, points: np.ndarray) -> tuple[np.
 
 
 def _prepare(values: np.ndarray) -> np.ndarray:
-    """As the kernels take them: all that they call would be compiled once more for an array that is read-only."""
+    """Prepare values as the kernels take them: for a read-only array, all that they call would be compiled again."""
     return np.require(values, np.float64, ["C", "W", "E"])
 
 
@@ -53,7 +53,7 @@ def _distances_and_normals(rows: np.ndarray, points: np.ndarray) -> tuple[np.nda
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def solid_distance(rows: np.ndarray, x: float, y: float, z: float) -> Gradient3:
-    """Signed distance and outward normal (x, y, z) at one point; for compiled callers.
+    """Compute the signed distance and outward normal (x, y, z) at one point; for compiled callers.
 
     A row out of reach is left out: no point of it is nearer than its centre less `REACH`. The row whose ball of that
     radius is nearest goes first, which leaves two or three rows of many.
@@ -94,7 +94,7 @@ def choose_rows(rows: np.ndarray, x: float, y: float, z: float, radius: float, c
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def chosen_distance(rows: np.ndarray, chosen: np.ndarray, n: int, x: float, y: float, z: float) -> Gradient3:
-    """As `solid_distance`, of the first `n` rows that `chosen` numbers."""
+    """Do as `solid_distance` for the first `n` rows that `chosen` numbers."""
     best = _row_distance(rows, chosen[0], x, y, z)
     for j in range(1, n):
         other = _row_distance(rows, chosen[j], x, y, z)

@@ -35,7 +35,7 @@ class Near(NamedTuple):
 def with_edges(
     rows: np.ndarray, triangles: np.ndarray, values: np.ndarray, closest: np.ndarray, beside: np.ndarray
 ) -> np.ndarray:
-    """The row (1, columns) of a GRID with the planes of its edges.
+    """Return the row (1, columns) of a GRID with the planes of its edges.
 
     `triangles` (t, 3, 3), `values` and `closest` (nx, ny, nz), `beside` (t, 3): as of `MeshGrid`. What an edge does to
     the spline reaches some cells further: these are told by planes as well.
@@ -78,7 +78,7 @@ def _fit_cells(
     error: np.ndarray,
     number: np.ndarray,
 ) -> np.ndarray:
-    """Planes (n, EDGE_COLUMNS) of the cells where the spline has an `error` (nx, ny, nz) and planes have half of it.
+    """Fit planes (n, EDGE_COLUMNS) of the cells where the spline has an `error` (nx, ny, nz) and planes half of it.
 
     Which planes a cell has, from 1 on, goes into `number` (nx, ny, nz).
     """
@@ -138,7 +138,7 @@ def _insert(triangles: np.ndarray, t: int, i: int, j: int, k: int, near: Near, n
 def _sample(
     rows: np.ndarray, triangles: np.ndarray, near: np.ndarray, i: int, j: int, k: int, samples: np.ndarray
 ) -> float:
-    """Points of a cell (14, 3), their distance to the triangles and what the spline says, all in spacings.
+    """Sample points of a cell (14, 3), their distance to the triangles and what the spline says, all in spacings.
 
     Returns how far off the spline is at most; its sign is not looked at.
     """

@@ -65,7 +65,7 @@ class MeshGrid:
         )
 
     def row(self, *, is_round: bool, has_edges: bool) -> np.ndarray:
-        """Row (1, columns) of the solid in its own frame; `is_round`: about its z axis; `has_edges`: sharp ones."""
+        """Return the solid's row (1, columns) in its own frame; `is_round`: about its z axis; `has_edges`: sharp."""
         coefficients = self.spacing_mm * spline_filter(self.values, order=2, output=np.float64)
         rows = grid(coefficients, self.spacing_mm, self.origin_mm, self.corners_mm, is_round=is_round)
         if not has_edges:
@@ -73,7 +73,7 @@ class MeshGrid:
         return with_edges(rows, self.triangles, self.values, self.closest, self.beside)
 
     def has_on_surface(self, points: np.ndarray) -> bool:
-        """True if all `points` (n, 3) in mm lie on the surface of the mesh, to `SAME_MM`."""
+        """Return True if all `points` (n, 3) in mm lie on the surface of the mesh, to `SAME_MM`."""
         local = (points - self.origin_mm) / self.spacing_mm
         is_within = ((local > 0.0) & (local < np.array(self.values.shape) - 1.0)).all()
         within = SAME_MM / self.spacing_mm
@@ -83,12 +83,12 @@ class MeshGrid:
 
 
 def looks_round(mesh_grid: MeshGrid, points: np.ndarray) -> bool:
-    """True if points (n, 3) of the surface are on the surface after any turn about z."""
+    """Return True if points (n, 3) of the surface are on the surface after any turn about z."""
     return all(mesh_grid.has_on_surface(points @ turn_about_z(turn_deg).T) for turn_deg in _ROUND_TURNS_DEG)
 
 
 def _find_beside(mesh: trimesh.Trimesh) -> np.ndarray:
-    """Numbers (n, 3) of the triangles that share an edge with each; -1 where there are fewer."""
+    """Find the numbers (n, 3) of the triangles that share an edge with each; -1 where there are fewer."""
     pairs = np.concatenate([mesh.face_adjacency, mesh.face_adjacency[:, ::-1]])
     pairs = pairs[np.argsort(pairs[:, 0], kind="stable")]
     place = np.arange(len(pairs)) - np.searchsorted(pairs[:, 0], pairs[:, 0])
@@ -99,14 +99,14 @@ def _find_beside(mesh: trimesh.Trimesh) -> np.ndarray:
 
 
 def surface_points(mesh: trimesh.Trimesh) -> np.ndarray:
-    """Points (n, 3) spread over the surface of a mesh, its vertices among them; the same for the same mesh."""
+    """Return points (n, 3) spread over a mesh's surface, its vertices among them; the same for the same mesh."""
     sampled, _ = trimesh.sample.sample_surface(mesh, _SURFACE_POINTS, seed=0)
     return np.concatenate([np.asarray(mesh.vertices, dtype=np.float64), sampled])
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _by_cell(triangles: np.ndarray, values: np.ndarray, margin: float) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of the triangles that reach into each grid cell or its margin, in the order of the cells.
+    """List the numbers of the triangles that reach into each grid cell or its margin, in the order of the cells.
 
     Returns where those of each cell begin (n_cells + 1), and the numbers.
     """
@@ -145,7 +145,7 @@ def _reach_of(triangles: np.ndarray, t: int, margin: float, first: np.ndarray, l
 def _are_near(
     triangles: np.ndarray, begin: np.ndarray, numbers: np.ndarray, shape: np.ndarray, points: np.ndarray, within: float
 ) -> bool:
-    """True if each point is within a distance, at most the margin of `_by_cell`, of a triangle."""
+    """Return True if each point is within a distance, at most the margin of `_by_cell`, of a triangle."""
     for n in range(len(points)):
         x, y, z = points[n]
         cell = (int(x) * shape[1] + int(y)) * shape[2] + int(z)
@@ -161,7 +161,7 @@ def _are_near(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _measure_near(triangles: np.ndarray, values: np.ndarray, closest: np.ndarray) -> None:
-    """Distances, in spacings, of the grid points next to each triangle; `closest` says which triangle it is."""
+    """Measure distances, in spacings, of the grid points next to each triangle; `closest` says which it is."""
     first, last = np.zeros(3, np.int64), np.zeros(3, np.int64)
     for t in range(len(triangles)):
         _reach_of(triangles, t, 1.0, first, last)
@@ -212,7 +212,7 @@ def _count_crossings(triangles: np.ndarray, winding: np.ndarray) -> None:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _cross(triangles: np.ndarray, t: int, y: float, z: float) -> tuple[int, float]:
-    """Which way (1, -1, or 0 for not at all) the line along x at (y, z) crosses a triangle, and where.
+    """Tell which way (1, -1, or 0 for not at all) the line along x at (y, z) crosses a triangle, and where.
 
     A line through an edge or a vertex counts for one of its triangles only: see `_side`.
     """
@@ -233,7 +233,7 @@ def _cross(triangles: np.ndarray, t: int, y: float, z: float) -> tuple[int, floa
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _side(fy: float, fz: float, gy: float, gz: float) -> int:
-    """On which side of the edge from f to g the origin lies; on the edge, the order of the corners decides."""
+    """Tell which side of the edge from f to g the origin lies on; on the edge, the order of the corners decides."""
     area = gy * fz - fy * gz
     if area != 0.0:
         return 1 if area > 0.0 else -1

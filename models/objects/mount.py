@@ -17,7 +17,7 @@ _SPACING_MM = 0.5
 
 
 def printable_mesh(obj: RigidObject, mount_height_mm: float = MOUNT_HEIGHT_MM) -> trimesh.Trimesh:
-    """Watertight mesh of an object on its mount, mm; z = 0 is the sheet.
+    """Make the watertight mesh of an object on its mount, mm; z = 0 is the sheet.
 
     Raises:
         UsageError: there is no material over the post to stand on, or the object would be printed in pieces.
@@ -44,7 +44,7 @@ def printable_mesh(obj: RigidObject, mount_height_mm: float = MOUNT_HEIGHT_MM) -
 
 
 def unmounted_mesh(obj: RigidObject) -> trimesh.Trimesh:
-    """Watertight mesh of an object alone, mm; z = 0 is its bottom. Bodies that overlap are one, cavities stay."""
+    """Make a watertight mesh of an object alone, mm; z = 0: its bottom. Bodies that overlap are one, cavities stay."""
     with suppress(ConfigError):
         mesh = join_bodies(object_mesh(obj, _SPACING_MM), obj.name)
         if mesh.is_volume:
@@ -53,5 +53,5 @@ def unmounted_mesh(obj: RigidObject) -> trimesh.Trimesh:
 
 
 def _count_pieces(mesh: trimesh.Trimesh) -> int:
-    """Bodies of a mesh that hang together; a closed cavity is none."""
+    """Count the bodies of a mesh that hang together; a closed cavity is none."""
     return len([body for body in mesh.split(only_watertight=False) if body.volume > 0.0])

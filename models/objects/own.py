@@ -41,7 +41,7 @@ _MIRRORS = (np.array([-1.0, 1.0, 1.0]), np.array([1.0, -1.0, 1.0]))
 
 
 def object_of_parts(name: str, parts: Sequence[Part], source: str) -> RigidObject:
-    """The object that is the union of `parts`; `source` names where they came from in messages.
+    """Make the object that is the union of `parts`; `source` names where they came from in messages.
 
     Raises:
         ConfigError: the name or the size cannot be used, or parts do not touch.
@@ -60,7 +60,7 @@ def object_of_mesh(
     scale: float = 1.0,
     turn_deg: Turn = (0.0, 0.0, 0.0),
 ) -> RigidObject:
-    """The object of a watertight mesh in mm: scaled, turned, and stood on the mount with its footprint centred.
+    """Make the object of a watertight mesh in mm: scaled, turned, stood on the mount with its footprint centred.
 
     Raises:
         ConfigError: the mesh is not closed, has no volume, too many triangles, bodies that do not touch or cannot be
@@ -74,7 +74,7 @@ def object_of_mesh(
 
 
 def object_of_shape(name: str, shape: str, source: str) -> RigidObject:
-    """The object of a shape's text that another lake wrote; its number is worked out again from the content.
+    """Make the object of a shape's text that another lake wrote; its number is worked out again from the content.
 
     Raises:
         ConfigError: the text is no shape, or no object that the bench can hold.
@@ -91,7 +91,7 @@ def object_of_shape(name: str, shape: str, source: str) -> RigidObject:
 
 
 def own_id(content: bytes) -> int:
-    """Number of an own object: from its content, above those of the 36, and small enough for any integer column."""
+    """Number an own object: from its content, above those of the 36, small enough for any integer column."""
     number = int.from_bytes(hashlib.sha256(content).digest()[:8], "big")
     return FIRST_OWN_ID + number % (_LAST_ID - FIRST_OWN_ID)
 
@@ -106,7 +106,7 @@ def _of_parts(name: str, shape: PartsShape, source: str) -> RigidObject:
 
 
 def _of_placed_mesh(name: str, shape: MeshShape, source: str) -> RigidObject:
-    """The object of a mesh in the object frame; whether it is round is found out here."""
+    """Make the object of a mesh in the object frame; whether it is round is found out here."""
     _check_name(name, source)  # before a grid is made for it
     mesh = mesh_of_shape(shape, source)
     mesh_grid = measure_mesh(shape.model_copy(update={"is_round": False}))
@@ -124,7 +124,7 @@ def _object(
     has_mirrors: Sequence[bool],
     source: str,
 ) -> RigidObject:
-    """The object; `content` decides its number, `has_mirrors` are those in the planes x = 0 and y = 0."""
+    """Make the object; `content` decides its number, `has_mirrors` are those in the planes x = 0 and y = 0."""
     _check_size(size_mm, source)
     return RigidObject(
         object_id=own_id(content),
@@ -147,7 +147,7 @@ def _check_name(name: str, source: str) -> None:
 
 
 def _stand(mesh: trimesh.Trimesh, scale: float, turn_deg: Turn) -> trimesh.Trimesh:
-    """The mesh scaled, turned, its footprint centred, on z = 0, with the numbers of a binary STL."""
+    """Return the mesh scaled, turned, its footprint centred, on z = 0, with the numbers of a binary STL."""
     turned = np.asarray(mesh.vertices) @ (scale * turn_matrix(turn_deg)).T
     low, high = turned.min(axis=0), turned.max(axis=0)
     at = turned - np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
@@ -155,7 +155,7 @@ def _stand(mesh: trimesh.Trimesh, scale: float, turn_deg: Turn) -> trimesh.Trime
 
 
 def _check_size(size_mm: np.ndarray, source: str) -> None:
-    """Raises ConfigError for an object that the bench has no room for, or that is too small to be held."""
+    """Raise ConfigError for an object that the bench has no room for, or that is too small to be held."""
     limits = zip(("wide in x", "wide in y", "high"), size_mm, (*MOST_WIDTH_MM, MOST_HEIGHT_MM), strict=True)
     for how, size, most in limits:
         if size > most:

@@ -25,7 +25,7 @@ class _Part(Record):
     turn_deg: Turn = (0.0, 0.0, 0.0)
 
     def make_row(self) -> np.ndarray:
-        """Row of the part in its own frame."""
+        """Make the row of the part in its own frame."""
         raise NotImplementedError
 
     @property
@@ -210,7 +210,7 @@ Part = Annotated[
 
 
 def turn_matrix(turn_deg: Turn) -> np.ndarray:
-    """Rotation matrix (3, 3) of turns about the fixed axes x, then y, then z, each counter-clockwise."""
+    """Make the rotation matrix (3, 3) of turns about the fixed axes x, then y, then z, each counter-clockwise."""
     matrix = np.eye(3)
     for axis, angle_deg in enumerate(turn_deg):
         order = np.roll(np.eye(3), 2 - axis, axis=0)  # takes the axis to z, and the others after it
@@ -232,7 +232,7 @@ def _check_half_plane(outline_mm: Outline) -> None:
 
 
 def _check_row(part: _Outlined) -> None:
-    """Raises ValueError where the edges, moved inwards by the rounding, cross each other."""
+    """Raise ValueError where the edges, moved inwards by the rounding, cross each other."""
     try:
         row = part.make_row()
     except np.linalg.LinAlgError as error:

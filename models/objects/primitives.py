@@ -44,12 +44,12 @@ Vertices = Sequence[tuple[float, float]]
 
 
 def sphere(radius_mm: float) -> np.ndarray:
-    """Row of a sphere about the origin."""
+    """Make the row of a sphere about the origin."""
     return _row(POINT, radius_mm)
 
 
 def capsule(start: np.ndarray, end: np.ndarray, radius_mm: float) -> np.ndarray:
-    """Row of a round rod with ball ends; `start`, `end` (3): the centres of its ends, mm."""
+    """Make the row of a round rod with ball ends; `start`, `end` (3): the centres of its ends, mm."""
     half = (np.asarray(end, float) - start) / 2
     length = float(np.linalg.norm(half))
     row = _row(SEGMENT, radius_mm, length=length)
@@ -59,22 +59,22 @@ def capsule(start: np.ndarray, end: np.ndarray, radius_mm: float) -> np.ndarray:
 
 
 def torus(ring_radius_mm: float, tube_radius_mm: float) -> np.ndarray:
-    """Row of a ring about the z axis; `ring_radius_mm` is that of the tube's centre line."""
+    """Make the row of a ring about the z axis; `ring_radius_mm` is that of the tube's centre line."""
     return _row(CIRCLE, tube_radius_mm, length=ring_radius_mm)
 
 
 def box(size_x_mm: float, size_y_mm: float, size_z_mm: float, rounding_mm: float) -> np.ndarray:
-    """Row of a box about the origin with rounded edges."""
+    """Make the row of a box about the origin with rounded edges."""
     return _row(BOX, rounding_mm, values=np.array([size_x_mm, size_y_mm, size_z_mm]) / 2 - rounding_mm)
 
 
 def ellipsoid(size_x_mm: float, size_y_mm: float, size_z_mm: float) -> np.ndarray:
-    """Row of an ellipsoid about the origin, from its three diameters."""
+    """Make the row of an ellipsoid about the origin, from its three diameters."""
     return _row(ELLIPSOID, 0.0, values=np.array([size_x_mm, size_y_mm, size_z_mm]) / 2)
 
 
 def lathe(profile: Vertices, rounding_mm: float) -> np.ndarray:
-    """Row of a body turned about z.
+    """Make the row of a body turned about z.
 
     `profile`: at most 8 vertices (radius, z) in mm, anticlockwise in the plane with the radius to the right.
     """
@@ -82,7 +82,7 @@ def lathe(profile: Vertices, rounding_mm: float) -> np.ndarray:
 
 
 def square_lathe(profile: Vertices, rounding_mm: float) -> np.ndarray:
-    """Row of a body with square cross-sections, sides along x and y.
+    """Make the row of a body with square cross-sections, sides along x and y.
 
     `profile`: at most 8 vertices (half side, z) in mm, anticlockwise with the half side to the right.
     """
@@ -90,7 +90,7 @@ def square_lathe(profile: Vertices, rounding_mm: float) -> np.ndarray:
 
 
 def prism(outline: Vertices, height_mm: float, rounding_mm: float) -> np.ndarray:
-    """Row of a prism along z, centred in z; `outline`: at most 8 vertices (x, y) in mm, anticlockwise."""
+    """Make the row of a prism along z, centred in z; `outline`: at most 8 vertices (x, y), mm, anticlockwise."""
     return _profile_row(PRISM, outline, rounding_mm, length=height_mm / 2 - rounding_mm)
 
 
@@ -102,7 +102,7 @@ def grid(
     *,
     is_round: bool,
 ) -> np.ndarray:
-    """Row (1, columns) of a solid given by its signed distance on a grid, without edges.
+    """Make the row (1, columns) of a solid given by its signed distance on a grid, without edges.
 
     `coefficients` (nx, ny, nz): of the spline of degree 2 of the distance, mm; `origin_mm` (3): the first grid point;
     `corners_mm` (n, 3): vertices of the convex hull; `is_round`: about z.
@@ -117,7 +117,7 @@ def grid(
 
 
 def rotated(rows: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Rows (n, N_COLUMNS) turned about the origin by a rotation matrix (3, 3)."""
+    """Turn rows (n, N_COLUMNS) about the origin by a rotation matrix (3, 3)."""
     turned = rows.copy()
     turned[:, CENTRE : CENTRE + 3] = rows[:, CENTRE : CENTRE + 3] @ rotation.T
     axes = rotation @ rows[:, ROTATION : ROTATION + 9].reshape(-1, 3, 3)
@@ -126,38 +126,38 @@ def rotated(rows: np.ndarray, rotation: np.ndarray) -> np.ndarray:
 
 
 def turn_about_z(angle_deg: float) -> np.ndarray:
-    """Rotation matrix (3, 3) about the z axis, counter-clockwise seen from above."""
+    """Make the rotation matrix (3, 3) about the z axis, counter-clockwise seen from above."""
     angle = np.radians(angle_deg)
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def moved(rows: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """Rows (n, N_COLUMNS) shifted by (3) mm."""
+    """Shift rows (n, N_COLUMNS) by (3) mm."""
     shifted = rows.copy()
     shifted[:, CENTRE : CENTRE + 3] += shift
     return shifted
 
 
 def bounds(rows: np.ndarray) -> np.ndarray:
-    """Bounding box (2, 3) of a solid, mm: lowest and highest corner, exact."""
+    """Compute the bounding box (2, 3) of a solid, mm: lowest and highest corner, exact."""
     high = np.max([_reach(row) for row in rows], axis=0)
     low = -np.max([_reach(row, sign=-1.0) for row in rows], axis=0)
     return np.stack([low, high])
 
 
 def is_round(rows: np.ndarray) -> bool:
-    """True if every row is a body of revolution about the z axis, so that a turn about it changes nothing."""
+    """Return True if every row is a body of revolution about the z axis, so that a turn about it changes nothing."""
     return all(_is_round(row) for row in rows)
 
 
 def mirrored(rows: np.ndarray) -> np.ndarray:
-    """Rows (n, N_COLUMNS) seen in the mirror x = 0; their frames become left-handed, which no distance minds."""
+    """Mirror rows (n, N_COLUMNS) in x = 0; their frames become left-handed, which no distance minds."""
     return rotated(rows, np.diag([-1.0, 1.0, 1.0]))
 
 
 def _is_round(row: np.ndarray) -> bool:
-    """True if this row is a body of revolution about the z axis."""
+    """Return True if this row is a body of revolution about the z axis."""
     kind, values = int(row[KIND]), row[VALUES:]
     is_spherical = kind == POINT or (kind == ELLIPSOID and values[0] == values[1] == values[2])
     has_axis = kind in (SEGMENT, CIRCLE, LATHE) or (kind == ELLIPSOID and values[0] == values[1])
@@ -187,7 +187,7 @@ def _profile_row(kind: int, profile: Vertices, rounding: float, length: float = 
 
 
 def _core_radius(kind: int, length: float, values: np.ndarray) -> float:
-    """Largest distance of a core's points from its origin, mm; `values` as in VALUES."""
+    """Find the largest distance of a core's points from its origin, mm; `values` as in VALUES."""
     if kind == ELLIPSOID:
         return float(values.max())
     # A square section reaches as far as its corners, (half side, half side, z).
@@ -196,7 +196,7 @@ def _core_radius(kind: int, length: float, values: np.ndarray) -> float:
 
 
 def _shrunk(vertices: np.ndarray, rounding: float, *, has_axis: bool) -> np.ndarray:
-    """Polygon (n, 2) with every edge moved inwards by `rounding`, except the one on the axis of a turned body."""
+    """Move each edge of a polygon (n, 2) inwards by `rounding`, except the one on the axis of a turned body."""
     edges = np.roll(vertices, -1, axis=0) - vertices
     inward = np.stack([-edges[:, 1], edges[:, 0]], axis=1) / np.linalg.norm(edges, axis=1, keepdims=True)
     is_axis = (np.abs(vertices[:, 0]) + np.abs(np.roll(vertices[:, 0], -1)) == 0) & has_axis
@@ -209,7 +209,7 @@ def _shrunk(vertices: np.ndarray, rounding: float, *, has_axis: bool) -> np.ndar
 
 
 def _frame_with_z(axis: np.ndarray) -> np.ndarray:
-    """A rotation matrix whose third column is the unit vector `axis` (3)."""
+    """Make a rotation matrix whose third column is the unit vector `axis` (3)."""
     helper = np.eye(3)[np.argmin(np.abs(axis))]
     x = np.cross(helper, axis)
     x /= np.linalg.norm(x)
@@ -217,14 +217,14 @@ def _frame_with_z(axis: np.ndarray) -> np.ndarray:
 
 
 def _reach(row: np.ndarray, sign: float = 1.0) -> np.ndarray:
-    """How far (3) a row reaches along sign * (x, y, z)."""
+    """Return how far (3) a row reaches along sign * (x, y, z)."""
     local = sign * row[ROTATION : ROTATION + 9].reshape(3, 3)
     core = np.array([_core_reach(row, direction) for direction in local])
     return sign * row[CENTRE : CENTRE + 3] + core + row[RADIUS]
 
 
 def _core_reach(row: np.ndarray, direction: np.ndarray) -> float:
-    """Support function of a core: the largest projection of its points on `direction` (3), in its own frame."""
+    """Compute a core's support function: its points' largest projection on `direction` (3), in its own frame."""
     kind, length = int(row[KIND]), row[LENGTH]
     across = float(np.hypot(direction[0], direction[1]))
     if kind in (POINT, SEGMENT):

@@ -49,7 +49,7 @@ class PartsShape(Record):
 
 @lru_cache(maxsize=GRIDS_KEPT)
 def shape_rows(shape: str) -> np.ndarray:
-    """Rows of primitives, in the object frame, of the text of a shape; kept by each process, so never changed."""
+    """Return rows of primitives, in the object frame, of a shape's text; kept by each process, so never changed."""
     read = read_shape(shape)
     if isinstance(read, PartsShape):
         rows = place_parts(read.parts)
@@ -62,19 +62,19 @@ def shape_rows(shape: str) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def measure_mesh(shape: MeshShape) -> MeshGrid:
-    """The grid of a mesh in the object frame; an object that is made needs it, and so do its rows right after."""
+    """Make a mesh's grid in the object frame; an object that is made needs it, and so do its rows right after."""
     return MeshGrid.of(mesh_of_shape(shape))
 
 
 def place_parts(parts: Sequence[Part]) -> np.ndarray:
-    """Rows of the union of parts, footprint centred, on z = 0."""
+    """Place the rows of the union of parts, footprint centred, on z = 0."""
     rows = np.concatenate([part.rows for part in parts])
     low, high = bounds(rows)
     return moved(rows, -np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]]))
 
 
 def read_shape(shape: str) -> MeshShape | PartsShape:
-    """The shape that a text says.
+    """Read the shape that a text says.
 
     Raises:
         ValueError: it says none.
@@ -84,7 +84,7 @@ def read_shape(shape: str) -> MeshShape | PartsShape:
 
 
 def mesh_of_shape(shape: MeshShape, source: str = "a mesh") -> trimesh.Trimesh:
-    """The mesh of a shape, in the object frame.
+    """Make the mesh of a shape, in the object frame.
 
     Raises:
         ValueError, zlib.error: it is no mesh.
@@ -95,7 +95,7 @@ def mesh_of_shape(shape: MeshShape, source: str = "a mesh") -> trimesh.Trimesh:
 
 
 def unpack_mesh(shape: MeshShape) -> bytes:
-    """The binary STL of a shape.
+    """Unpack the binary STL of a shape.
 
     Raises:
         ValueError, zlib.error: it is none, or larger than any that is taken.
@@ -108,7 +108,7 @@ def unpack_mesh(shape: MeshShape) -> bytes:
 
 
 def check_mesh(mesh: trimesh.Trimesh, source: str) -> trimesh.Trimesh:
-    """The mesh, its triangles turned the same way.
+    """Check the mesh and return it, its triangles turned the same way.
 
     Raises:
         ConfigError: it is not closed, has no volume or too many triangles.

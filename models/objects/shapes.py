@@ -36,7 +36,7 @@ def _torus(sizes: Sizes) -> np.ndarray:
 
 
 def _spiral(sizes: Sizes) -> np.ndarray:
-    """A helix of round wire, as rods from point to point."""
+    """Make a helix of round wire, as rods from point to point."""
     n = int(np.ceil(sizes["turns"] * _SEGMENTS_PER_TURN))
     turn = np.linspace(0, sizes["turns"], n + 1)
     radius, angle = sizes["coil_diameter_mm"] / 2, 2 * np.pi * turn
@@ -60,20 +60,20 @@ def _pyramid(sizes: Sizes) -> np.ndarray:
 
 
 def _diamond(sizes: Sizes) -> np.ndarray:
-    """Two square pyramids, base to base."""
+    """Make two square pyramids, base to base."""
     profile = [(0, -sizes["height_mm"] / 2), (sizes["width_mm"] / 2, 0), (0, sizes["height_mm"] / 2)]
     return np.stack([primitives.square_lathe(profile, sizes["rounding_mm"])])
 
 
 def _diabolo(sizes: Sizes) -> np.ndarray:
-    """Two cones, tip to tip."""
+    """Make two cones, tip to tip."""
     end, waist, half = sizes["end_mm"] / 2, sizes["waist_mm"] / 2, sizes["height_mm"] / 2
     profile = [(0, -half), (end, -half), (waist, 0), (end, half), (0, half)]
     return np.stack([primitives.lathe(profile, sizes["rounding_mm"])])
 
 
 def _hourglass(sizes: Sizes) -> np.ndarray:
-    """Two rims joined by cones to a straight neck."""
+    """Make two rims joined by cones to a straight neck."""
     end, waist, half = sizes["end_mm"] / 2, sizes["waist_mm"] / 2, sizes["height_mm"] / 2
     neck, rim = sizes["neck_mm"] / 2, half - sizes["rim_mm"]
     right = [(end, -half), (end, -rim), (waist, -neck), (waist, neck), (end, rim), (end, half)]
@@ -85,7 +85,7 @@ def _cube(sizes: Sizes) -> np.ndarray:
 
 
 def _prism(sizes: Sizes) -> np.ndarray:
-    """A regular prism with one flat side towards +x, `apothem_mm` from the axis."""
+    """Make a regular prism with one flat side towards +x, `apothem_mm` from the axis."""
     n = int(sizes["sides"])
     angles = (np.arange(n) - 0.5) * 2 * np.pi / n
     radius = sizes["apothem_mm"] / np.cos(np.pi / n)
@@ -94,7 +94,7 @@ def _prism(sizes: Sizes) -> np.ndarray:
 
 
 def _jack(sizes: Sizes) -> np.ndarray:
-    """Three crossed rods with balls on their ends."""
+    """Make three crossed rods with balls on their ends."""
     ball = sizes["ball_diameter_mm"] / 2
     reach = sizes["length_mm"] / 2 - ball
     ends = [sign * reach * axis for axis in np.eye(3) for sign in (-1.0, 1.0)]

@@ -13,13 +13,13 @@ _PROJECTIONS = 3
 
 
 def object_mesh(obj: RigidObject, spacing_mm: float = 1.0) -> trimesh.Trimesh:
-    """Surface mesh in the object frame, mm: of the file, where an object was made from a mesh, else `surface_of`."""
+    """Make the surface mesh in the object frame, mm: the file's, if an object came from a mesh, else `surface_of`."""
     read = None if obj.shape is None else read_shape(obj.shape)
     return mesh_of_shape(read, obj.name) if isinstance(read, MeshShape) else surface_of(obj.primitives, spacing_mm)
 
 
 def surface_of(rows: np.ndarray, spacing_mm: float = 1.0) -> trimesh.Trimesh:
-    """Watertight surface mesh of rows (n_rows, n_columns) of primitives, mm.
+    """Make a watertight surface mesh of rows (n_rows, n_columns) of primitives, mm.
 
     Marching cubes, then vertices moved onto the surface. `spacing_mm`: of the grid; edges of triangles are about as
     long.

@@ -6,7 +6,7 @@ from numba import njit
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def triangle_distance(triangles: np.ndarray, t: int, x: float, y: float, z: float) -> float:
-    """Distance of a point to a triangle (Ericson, Real-Time Collision Detection, 5.1.5)."""
+    """Compute the distance of a point to a triangle (Ericson, Real-Time Collision Detection, 5.1.5)."""
     ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]
     bx, by, bz = triangles[t, 1, 0] - ax, triangles[t, 1, 1] - ay, triangles[t, 1, 2] - az
     cx, cy, cz = triangles[t, 2, 0] - ax, triangles[t, 2, 1] - ay, triangles[t, 2, 2] - az

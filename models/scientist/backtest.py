@@ -38,7 +38,7 @@ class Replay(Record):
     stand_in_n: float | None = None
 
     def tools_to(self, force_n: float) -> int | None:
-        """Tools until the best reaches an outcome."""
+        """Count the tools until the best reaches an outcome."""
         return next((n for n, best in zip(self.n_tools, self.best_n, strict=True) if best >= force_n), None)
 
 
@@ -96,7 +96,7 @@ def replay(data: ObservationSet, space: DesignSpace, strategy: str, n_first: int
 
 
 def sum_up(replays: Sequence[Replay]) -> list[ReplayRow]:
-    """A row for each strategy and size of a batch, in the order of the replays."""
+    """Make a row for each strategy and size of a batch, in the order of the replays."""
     rows = []
     for strategy, n_batch in dict.fromkeys((one.strategy, one.n_batch) for one in replays):
         own = [one for one in replays if (one.strategy, one.n_batch) == (strategy, n_batch)]
@@ -136,7 +136,7 @@ def _both(real: ObservationSet, sim: ObservationSet) -> ObservationSet:
 
 
 def _stand_ins(proposed: np.ndarray, x: np.ndarray, free: Sequence[int]) -> list[int]:
-    """The nearest free tool of each proposal (p x d), the best proposal first, each tool once."""
+    """Find the nearest free tool of each proposal (p x d), the best proposal first, each tool once."""
     left, chosen = list(free), []
     for point in proposed:
         nearest = left[int(np.argmin(cdist(point[None], x[left])))]

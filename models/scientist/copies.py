@@ -18,7 +18,7 @@ _N_COPIES = 20
 def lose_in_copies(
     surrogate: Surrogate, x: np.ndarray, s: np.ndarray, space: DesignSpace, wall_sd_mm: float
 ) -> np.ndarray:
-    """How much less than the drawing nine of ten copies hold at least, n, N.
+    """Compute how much less than the drawing nine of ten copies hold at least, n, N.
 
     x: n x d, unit cube; s: n, fidelities; wall_sd_mm: of what all walls of a copy are thicker. By the surrogate's mean.
     """

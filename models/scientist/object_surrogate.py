@@ -35,13 +35,13 @@ class ObjectsSurrogate:
     data: ObservationSet
 
     def mean(self, x: np.ndarray, s: np.ndarray | int) -> np.ndarray:
-        """The outcome of the predicted values at m points `x` (m x d), m; of measured designs alone."""
+        """Return the outcome of the predicted values at m points `x` (m x d), m; of measured designs alone."""
         assert np.all(s == REAL)
         scores = np.array([part.mean(x, REAL) for part in self.parts])
         return self._outcome(scores[:, :, None])[:, 0]
 
     def draw(self, x: np.ndarray, n: int, rng: np.random.Generator) -> np.ndarray:
-        """Joint draws of the measured outcome at m points `x` (m x d): m x n."""
+        """Draw jointly the measured outcome at m points `x` (m x d): m x n."""
         return self._outcome(np.array([real_paths(part, x, n, rng) for part in self.parts]))
 
     def _outcome(self, scores: np.ndarray) -> np.ndarray:

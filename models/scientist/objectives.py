@@ -40,7 +40,7 @@ class Outcome:
         return self.how != "mean"
 
     def over_objects(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The outcome of each design, and the extra variance that its missing objects cause.
+        """Return the outcome of each design, and the extra variance that its missing objects cause.
 
         values: n designs x n_objects, NaN where missing; no design may miss all. Missing values are predicted from the
         other objects (`surrogate.imputation`). Where one of the objects decides, it may be one that is missing, so the
@@ -51,7 +51,7 @@ class Outcome:
         return self.of_all(filled.values), variance
 
     def of_all(self, values: np.ndarray) -> np.ndarray:
-        """The outcome of values on all objects, n x n_objects (x any) to n (x any)."""
+        """Return the outcome of values on all objects, n x n_objects (x any) to n (x any)."""
         return np.asarray(
             values.mean(axis=1) if self.how == "mean" else np.quantile(values, _QUANTILES[self.how], axis=1)
         )
@@ -84,6 +84,6 @@ LESS_IS_BETTER = tuple(name for name in NAMES if name not in MEASURED)
 
 
 def known_of(name: str, design: Design) -> float:
-    """What follows from the design alone; the only one is its mass."""
+    """Return what follows from the design alone; the only one is its mass."""
     assert name == "mass_g"
     return estimate_mass_g(design)

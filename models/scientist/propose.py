@@ -85,7 +85,7 @@ class Room:
     """Unit-cube values that all proposals have, by column."""
 
     def keep(self, points: np.ndarray) -> np.ndarray:
-        """Those of the points (m x d), their pinned columns set, that keep the rules of printing and the constraint."""
+        """Keep those of the points (m x d), pinned columns set, that keep the rules of printing and the constraint."""
         if self.pinned:
             points = points.copy()
             points[:, list(self.pinned)] = list(self.pinned.values())
@@ -106,7 +106,7 @@ def propose(
     rule: Rule = Rule(),
     room: Room = ANYWHERE,
 ) -> list[Proposal]:
-    """The next n designs for one fidelity (0 sim, 1 real), best first, by a rule, where there is room for them.
+    """Propose the next n designs for one fidelity (0 sim, 1 real), best first, by a rule, where there is room for them.
 
     pending: m x (d + 1), unit-cube points under way and their fidelity in the last column; their outcomes are
     conditioned on. The proposals keep their distance from pending points of the same fidelity, and never repeat data
@@ -164,7 +164,7 @@ def _best_predicted(
     rng: np.random.Generator,
     room: Room,
 ) -> np.ndarray:
-    """Up to n candidates with the largest predicted real force that keep the spacing, best first, m x d."""
+    """Find up to n candidates with the largest predicted real force that keep the spacing, best first, m x d."""
     if not n:
         return np.zeros((0, room.space.n_dims))
     points = room.keep(candidate_points(surrogate, rng, BATCH_CANDIDATES, room.space))
@@ -197,7 +197,7 @@ def _candidates(
     settings: CandidateSettings,
     space: DesignSpace,
 ) -> np.ndarray:
-    """Candidates around the incumbents of the surrogate and of every other one that counts, and around all tools."""
+    """Make candidates around the incumbents of the surrogate and every other one that counts, and around all tools."""
     others = [one.predictor for one in criteria if one.predictor is not None and one.predictor is not surrogate]
     predictors: list[Predictor] = [surrogate, *others]
     parts = [candidate_points(model, rng, settings, space) for model in predictors]
@@ -225,7 +225,7 @@ def keep_allowed(
     constraint: Constraint | None,
     space: DesignSpace = FIN_RAYS,
 ) -> np.ndarray:
-    """Those of the points (m x d) whose designs keep the rules of printing and the constraint."""
+    """Keep those of the points (m x d) whose designs keep the rules of printing and the constraint."""
     kept = points if rules is None else points[printable(points, rules, space)]
     if constraint is None:
         return kept

@@ -39,7 +39,7 @@ class ClosingStall:
         self._stiffness_n_per_mm = math.nan
 
     def longest_step_mm(self, travel_mm: float) -> float:
-        """Step that should reach the balance at the present stiffness, within the solver's own limit."""
+        """Return the step that should reach the balance at the present stiffness, within the solver's own limit."""
         if self._jaw.is_rigid:
             return self._longest_mm
         stiffness = self._stiffness_n_per_mm

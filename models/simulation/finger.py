@@ -103,7 +103,7 @@ class FingerStep:
         inside: SelfContact | None = None,
         ribs_touch: bool = False,
     ) -> None:
-        """`nodes` (n, 3): undeformed, in the object frame with the front wall at x = 0 and no lift.
+        """Take `nodes` (n, 3): undeformed, in the object frame with the front wall at x = 0 and no lift.
 
         `stop_mm`: the frictionless plane x >= stop stands for the other finger. `inside`: the faces that can touch each
         other; they are kept apart if `ribs_touch`.
@@ -144,7 +144,7 @@ class FingerStep:
         return self.mechanics.ribs_touch
 
     def undeformed(self, base: np.ndarray, velocity: np.ndarray) -> FingerState:
-        """The undeformed finger with its base moved by `base` (3), all of it at `velocity` (3) in mm/s."""
+        """Return the undeformed finger with its base moved by `base` (3), all of it at `velocity` (3) in mm/s."""
         x = self.nodes + base
         return FingerState(x, np.tile(velocity, (len(x), 1)), self.surface.start(x), base.copy())
 
@@ -159,78 +159,78 @@ class FingerStep:
         return target.copy()
 
     def start_from(self, state: FingerState) -> np.ndarray:
-        """Another first guess of the unknowns: the positions of `state`, moved along with the base."""
+        """Return another first guess of the unknowns: the positions of `state`, moved along with the base."""
         u = np.zeros_like(self.motion.target)
         u[self._rows] = (state.x + (self.motion.clamped - self.nodes - state.base))[self._free]
         return u
 
     def unknowns_of(self, state: FingerState) -> np.ndarray:
-        """The unknowns (rows, 3) of this finger in `state`, to the last bit."""
+        """Return the unknowns (rows, 3) of this finger in `state`, to the last bit."""
         u = np.zeros((len(self._mass), 3))
         u[self._rows] = state.x[self._free]
         return u
 
     def distance_to_object(self, base: np.ndarray) -> float:
-        """Least distance in mm of the undeformed finger, base at `base` (3), from the obstacle."""
+        """Return the least distance in mm of the undeformed finger, base at `base` (3), from the obstacle."""
         return self.surface.gap_mm(self.nodes + base, self._obstacle)
 
     def distance_to_anything(self, base: np.ndarray) -> float:
-        """As `distance_to_object`, but the other finger (the plane x = stop) counts too."""
+        """Do as `distance_to_object` does, but the other finger (the plane x = stop) counts too."""
         gap = self.distance_to_object(base)
         front = float((self.nodes + base)[:, 0].min())
         return min(gap, front - self.mechanics.stop_mm)
 
     def is_touching(self, state: FingerState) -> bool:
-        """True if any contact point carries pressure from the obstacle."""
+        """Return whether any contact point carries pressure from the obstacle."""
         return bool((state.contact.pressure > 0.0).any())
 
     def depth_mm(self, state: FingerState) -> float:
-        """How deep the finger is in the obstacle at most, from the pressure."""
+        """Return how deep the finger is in the obstacle at most, from the pressure."""
         return float(state.contact.pressure.max(initial=0.0)) / self.surface.law.normal_n_per_mm3
 
     def sinking_mm(self, state: FingerState, new: FingerState) -> float:
-        """How much deeper a point is at most than it was in `state`."""
+        """Return how much deeper a point is at most than it was in `state`."""
         more_mpa = new.contact.pressure - state.contact.spread_pressure()[new.contact.points]
         return float(more_mpa.max(initial=0.0)) / self.surface.law.normal_n_per_mm3
 
     def rib_depth_mm(self, state: FingerState) -> float:
-        """How deep ribs and walls are in each other at most."""
+        """Return how deep ribs and walls are in each other at most."""
         return self._inside.depth_mm(state.x)
 
     def must_couple_ribs(self, state: FingerState) -> bool:
-        """True if ribs and walls are in each other that the equations do not keep apart, or that share no blocks."""
+        """Return whether ribs and walls are in each other that equations do not keep apart, or that share no blocks."""
         return self._inside.presses_uncoupled(state.x)
 
     def with_ribs_coupled(self, state: FingerState) -> Self:
-        """The same finger, its ribs and walls pressing on each other; those near each other in `state` share blocks."""
+        """Return the same finger, its ribs and walls pressing on each other; those near in `state` share blocks."""
         pairs = self._inside.pairs_near(state.x)
         body = self.body.coupled(self._inside.nodes_of(pairs))
         inside = self._inside.coupled(pairs, body)
         return self._like(body, self.surface.on(body), self.nodes, inside, ribs_touch=True)
 
     def copied(self, body: ElasticBody, surface: ContactSurface, nodes: np.ndarray) -> Self:
-        """The same finger with another body and surface on nodes (n, 3), one that touches itself where this one does.
+        """Copy the finger, with another body and surface on nodes (n, 3); it touches itself where this one does.
 
         How its ribs press on each other is shared: it depends on where nodes are, and a little on areas, which stay.
         """
         return self._like(body, surface, nodes, self._inside, ribs_touch=self.ribs_touch)
 
     def numbered_as(self, finger: Self) -> Self:
-        """This copy of a finger, its unknowns in the order that the finger's have now that its ribs touch."""
+        """Return this copy of a finger, its unknowns in the order that the finger's have now that its ribs touch."""
         body = self.body.numbered_as(finger.body)
         return self._like(body, self.surface, self.nodes, finger._inside, ribs_touch=finger.ribs_touch)
 
     def _like(
         self, body: ElasticBody, surface: ContactSurface, nodes: np.ndarray, inside: SelfContact, *, ribs_touch: bool
     ) -> Self:
-        """Another finger before the same obstacle."""
+        """Make another finger before the same obstacle."""
         stop_mm = self.mechanics.stop_mm
         return type(self)(body, surface, nodes, self._obstacle, stop_mm=stop_mm, inside=inside, ribs_touch=ribs_touch)
 
     def finish(
         self, state: FingerState, u: np.ndarray, base: np.ndarray, dt_s: float
     ) -> tuple[FingerState, np.ndarray]:
-        """The state after the step, and the force (3) in N that the clamp exerts on the meshed body."""
+        """Return the state after the step, and the force (3) in N that the clamp exerts on the meshed body."""
         # Newton ends on the positions that it evaluated last.
         now = self.mechanics
         if (now.n_touching[0] < 0 or not np.array_equal(now.u, u)) and self.residual(u) is None:
@@ -241,7 +241,7 @@ class FingerStep:
         return FingerState(x, (x - state.x) / dt_s, contact, base.copy()), clamp
 
     def residual(self, u: np.ndarray) -> np.ndarray | None:
-        """Out-of-balance force (rows, 3) in N at unknowns u (rows, 3); None if an element is inverted."""
+        """Compute the out-of-balance force (rows, 3) in N at unknowns u (rows, 3); None if an element is inverted."""
         rows = np.zeros(u.shape)
         return rows if evaluate(self.mechanics, self.motion, u, rows) else None
 
@@ -298,7 +298,7 @@ def shift(mechanics: Mechanics, motion: Motion, amount: float, blocks: np.ndarra
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _aim(x: np.ndarray, v: np.ndarray, dt_s: float, row_of_node: np.ndarray, target: np.ndarray) -> None:
-    """Where the unknown rows come to from x (n, 3) at velocities v (n, 3)."""
+    """Find where the unknown rows come to from x (n, 3) at velocities v (n, 3)."""
     for node in range(len(x)):
         row = row_of_node[node]
         if row >= 0:
@@ -308,7 +308,7 @@ def _aim(x: np.ndarray, v: np.ndarray, dt_s: float, row_of_node: np.ndarray, tar
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _gather(u: np.ndarray, row_of_node: np.ndarray, clamped: np.ndarray, x: np.ndarray) -> None:
-    """Node positions: from the unknown rows, or where the clamp holds them."""
+    """Gather the node positions: from the unknown rows, or where the clamp holds them."""
     for node in range(len(x)):
         row = row_of_node[node]
         for i in range(x.shape[1]):
@@ -325,7 +325,7 @@ def _balance(
     u: np.ndarray,
     rows: np.ndarray,
 ) -> None:
-    """Out-of-balance force of the unknown rows: contact - elastic + M/dt^2 (target - u); no y in `symmetric` ones."""
+    """Compute rows' out-of-balance force: contact - elastic + M/dt^2 (target - u); no y in `symmetric` ones."""
     inertia, target = motion.inertia, motion.target
     for node in range(len(row_of_node)):
         row = row_of_node[node]

@@ -190,7 +190,7 @@ def call_kernels() -> None:
 
 
 def _result_of(fingers: Sequence[FingerResult], problem: FingerProblem) -> GraspSimulation:
-    """What the load cell sees of the solved fingers, and the work it took; without the time."""
+    """Return what the load cell sees of the solved fingers, and the work it took; without the time."""
     scale = problem.force_scale
     trace = sum_of_fingers(fingers, [f.force_n[:, 2] for f in fingers], scale)
     for effect in problem.effects:
@@ -215,7 +215,7 @@ def _result_of(fingers: Sequence[FingerResult], problem: FingerProblem) -> Grasp
 
 
 def _flag_of(fingers: Sequence[FingerResult]) -> str:
-    """Why the force is not converged as others are, in one word; empty if it is."""
+    """Tell why the force is not converged as others are, in one word; empty if it is."""
     if any(f.has_snapped for f in fingers):
         return SNAP
     # One finger that is solved counts twice.
@@ -237,13 +237,13 @@ class _Finger:
 
     @classmethod
     def of(cls, problem: FingerProblem, obj: RigidObject, placement: Placement, side: Side) -> Self:
-        """The finger on a side at a placement; seen in the mirror, a roll is one the other way."""
+        """Make the finger on a side at a placement; seen in the mirror, a roll is one the other way."""
         is_mirrored = side == "left"
         rolled = replace(problem, roll_deg=-placement.roll_deg if is_mirrored else placement.roll_deg)
         return cls(rolled, Obstacle.of(obj, placement, is_mirrored=is_mirrored), side)
 
     def first_gap_mm(self) -> float:
-        """Least distance of the open finger from the object, negative inside; infinite where their boxes are apart."""
+        """Return the least distance of the open finger from the object, < 0 inside; inf where their boxes are apart."""
         model = self.problem.model()
         nodes = model.nodes - 0.5 * self.problem.setup.open_gap_mm * INWARD
         if bounds(self.obstacle.primitives)[1][0] <= nodes[:, 0].min():
@@ -331,13 +331,13 @@ class _Observed:
         return ERROR_PER_MM * float(np.sqrt(squares / LIFT_MM))
 
     def look(self, phase: Phase, time_s: float, travel_mm: float, state: FingerState, clamp_n: np.ndarray) -> None:
-        """Twist and picture of an instant."""
+        """Note twist and picture of an instant."""
         self.gauge.add(state.x)
         if self.camera is not None:
             self.camera.take(phase, time_s, travel_mm, state, clamp_n)
 
     def add(self, phase: Phase, time_s: float, travel_mm: float, step: Step) -> None:
-        """A converged step: its force and pressure too."""
+        """Add a converged step: its force and pressure too."""
         if self.walk is not None:
             steps = self.walk.lift if phase == "lift" else self.walk.closing
             steps.append((len(self.record.time_s), step))
@@ -374,7 +374,7 @@ def _close_and_lift(finger: FingerStep, stepper: Stepper, problem: FingerProblem
 
 
 def _close(finger: FingerStep, stepper: Stepper, problem: FingerProblem, seen: _Observed) -> FingerState:
-    """Walk the finger through the closing, and note every step; the state at its end, at rest."""
+    """Walk the finger through the closing, and note every step; return the state at its end, at rest."""
     setup, record, no_force = problem.setup, seen.record, np.zeros(3)
     record.add(0.0, 0.0, no_force)
     start, stroke = 0.5 * setup.open_gap_mm * -INWARD, problem.stroke_mm
@@ -405,7 +405,7 @@ def _close(finger: FingerStep, stepper: Stepper, problem: FingerProblem, seen: _
 
 
 def _is_clear(finger: FingerStep, lift: Path, travel: float) -> bool:
-    """True if the undeformed finger meets nothing during the rest of the lift."""
+    """Return whether the undeformed finger meets nothing during the rest of the lift."""
     rest = lift.length_mm - travel
     free = travel_to_touch(finger.distance_to_object, lift.at(travel), UPWARD, rest)
     return free >= rest

@@ -23,7 +23,7 @@ class GraspInputs:
     effects: Sequence[Effect] | None = None
 
     def with_effects(self) -> "ActualInputs":
-        """What the effects make of them."""
+        """Return what the effects make of them."""
         known = build_effects(self.version.effects) if self.effects is None else self.effects
         active = tuple(effect.in_grasp(self.design, self.setup, self.context) for effect in known)
         theta, setup, obj = self.version.theta, self.setup, self.obj

@@ -46,7 +46,7 @@ class FingerModel:
     workspace: Workspace
 
     def against(self, obstacle: Obstacle, stop_mm: float = 0.0) -> FingerStep:
-        """The finger before an obstacle; the plane x = `stop_mm` stands for the other finger."""
+        """Put the finger before an obstacle; the plane x = `stop_mm` stands for the other finger."""
         return FingerStep(self.body, self.surface, self.nodes, obstacle, stop_mm=stop_mm, inside=self.inside)
 
 
@@ -69,7 +69,7 @@ def finger_model(
     spacing: PointSpacing,
     factors: Sequence[np.ndarray] | None = None,
 ) -> FingerModel:
-    """The model of a finger, from the last few built in this thread or new; forgets every grasp made with it.
+    """Return a finger's model, from the last few built in this thread or new; forgets every grasp made with it.
 
     `factors`: see `ElasticBody`.
     """
@@ -90,19 +90,19 @@ def finger_model(
 
 
 def place_nodes(mesh: SolidMesh, stance: Stance) -> np.ndarray:
-    """Nodes (n, 3) of a mesh as the finger stands before its object, undeformed and with its front wall at x = 0."""
+    """Place nodes (n, 3) of a mesh as the finger stands before its object, undeformed, with its front wall at x = 0."""
     nodes = to_object_frame(mesh.nodes, stance.height_mm, stance.tip_below_mm)
     return roll(nodes, mesh.base_nodes, stance.roll_deg)
 
 
 def to_object_frame(nodes: np.ndarray, height_mm: float, tip_below_mm: float) -> np.ndarray:
-    """Finger frame to object frame: turned by 180 deg about x, tip plane at z = -tip_below, front wall at x = 0."""
+    """Turn finger frame to object frame: by 180 deg about x, tip plane at z = -tip_below, front wall at x = 0."""
     x, y, z = nodes.T
     return np.ascontiguousarray(np.column_stack([x, -y, height_mm - tip_below_mm - z]))
 
 
 def roll(nodes: np.ndarray, base_nodes: np.ndarray, roll_deg: float) -> np.ndarray:
-    """Nodes (n, 3) in the object frame, turned about the vertical line through the middle of the finger's base.
+    """Turn nodes (n, 3) in the object frame about the vertical line through the middle of the finger's base.
 
     Counter-clockwise seen from above. The jaw holds the base, so its middle stays where it is; the finger still closes
     along x.

@@ -45,7 +45,7 @@ class GraspSymmetry:
 
 
 def find_symmetry(obj: RigidObject, placement: Placement) -> GraspSymmetry:
-    """What the placement leaves of the object's symmetry.
+    """Find what the placement leaves of the object's symmetry.
 
     A roll turns both fingers the same way, so no mirror maps one on the other, but the half turn does.
     """
@@ -59,12 +59,12 @@ def find_symmetry(obj: RigidObject, placement: Placement) -> GraspSymmetry:
 
 
 def needs_full_width(obj: RigidObject, placement: Placement = CENTRED) -> bool:
-    """True if half a finger is not enough: the grasp is not its own mirror image in y = 0."""
+    """Return whether half a finger is not enough: the grasp is not its own mirror image in y = 0."""
     return not find_symmetry(obj, placement).mirror_y
 
 
 def place(obj: RigidObject, placement: Placement) -> np.ndarray:
-    """Primitives (n_rows, N_COLUMNS) of the object where it stands: turned about its own axis, then shifted."""
+    """Place the object's primitives (n_rows, N_COLUMNS) where it stands: turned about its own axis, then shifted."""
     rows = obj.primitives
     if placement.yaw_deg != 0.0 and not obj.is_round:
         rows = rotated(rows, turn_about_z(placement.yaw_deg))
@@ -72,12 +72,12 @@ def place(obj: RigidObject, placement: Placement) -> np.ndarray:
 
 
 def offset_mm(placement: Placement) -> np.ndarray:
-    """The shift (3) of the object."""
+    """Return the shift (3) of the object."""
     return np.array([placement.offset_x_mm, placement.offset_y_mm, placement.offset_z_mm])
 
 
 def describe_placement(placement: Placement) -> str:
-    """What is not at its nominal place, such as ` at yaw_deg 5, offset_y_mm 1`; empty if nothing is."""
+    """Describe what is not at its nominal place, such as ` at yaw_deg 5, offset_y_mm 1`; empty if nothing is."""
     moved_from = {name: value for name, value in placement.model_dump().items() if value != 0.0}
     return " at " + ", ".join(f"{name} {value:g}" for name, value in moved_from.items()) if moved_from else ""
 

@@ -38,7 +38,7 @@ TIER_NUMERICS = {"production": Numerics(), "reference": Numerics(limits=FINEST_L
 
 
 def find_numerics(version: SimulatorVersion) -> Numerics:
-    """Numerics of a simulator version: those of its tier, with its stiffness and its points of contact."""
+    """Find the numerics of a simulator version: those of its tier, with its stiffness and its points of contact."""
     usual, contact = TIER_NUMERICS[version.tier], version.contact
     law = replace(
         usual.contact,
@@ -107,7 +107,7 @@ class FingerProblem:
         return Material(REFERENCE_MODULUS_MPA, self.theta.poisson_ratio, self.numerics.material_law, stiffening)
 
     def factors(self) -> list[np.ndarray] | None:
-        """Factors (m) of design and effects on the modulus of every element, per kind; None if all are 1."""
+        """Return factors (m) of design and effects on the modulus of every element, per kind; None if all are 1."""
         nodes = self.mesh.nodes[:, IN_SECTION]
         factors = []
         for elements in self.mesh.connectivities:
@@ -119,11 +119,11 @@ class FingerProblem:
         return None if all((factor == 1.0).all() for factor in factors) else factors
 
     def nodes(self) -> np.ndarray:
-        """Nodes (n, 3) of the finger as it stands before its object, undeformed and with its front wall at x = 0."""
+        """Place nodes (n, 3) of the finger as it stands before its object, undeformed, its front wall at x = 0."""
         return place_nodes(self.mesh, self.stance)
 
     def friction(self, state: FingerState) -> np.ndarray:
-        """Friction coefficient per contact point (n), frozen over the step from a state, from the effects' factors."""
+        """Return the friction coefficient per contact point (n), frozen over the step from a state, by the effects."""
         values = np.full(len(state.contact.slip), self.theta.friction)
         if self.effects:
             pressure_mpa = self.force_scale * state.contact.spread_pressure()
@@ -132,7 +132,7 @@ class FingerProblem:
         return values
 
     def model(self) -> FingerModel:
-        """The finger's mechanics, shared by the grasps of a design."""
+        """Return the finger's mechanics, shared by the grasps of a design."""
         return finger_model(
             self.mesh,
             self.stance,

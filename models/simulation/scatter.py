@@ -23,7 +23,7 @@ class Scatter(NamedTuple):
 
 
 def find_scatter(inputs: GraspInputs, tolerances: Tolerances) -> Scatter:
-    """Scatter of the peak, of tolerances that are independent of each other.
+    """Find the scatter of the peak, of tolerances that are independent of each other.
 
     Each grasp is a copy with every tolerance one standard deviation to one side: four of three tolerances, two of one,
     in which each goes to either side equally often beside each of the others (a half of a factorial design). So their
@@ -52,7 +52,7 @@ def find_scatter(inputs: GraspInputs, tolerances: Tolerances) -> Scatter:
 
 
 def _move(inputs: GraspInputs, sides: Mapping[str, float], tolerances: Tolerances) -> GraspInputs:
-    """The grasp with each tolerance one standard deviation to a side, -1 or 1."""
+    """Move each tolerance of the grasp by one standard deviation to a side, -1 or 1."""
     for name, side in sides.items():
         parameter = find_parameters(inputs, name)[name]
         inputs = parameter.put(parameter.value + side * tolerances.stated[name])

@@ -19,6 +19,6 @@ class Tolerances(Record):
         return {name: sd for name, sd in self.model_dump().items() if sd > 0.0}
 
     def describe(self, missing: tuple[str, ...] = ()) -> str:
-        """The tolerances in words, but for those that are missing."""
+        """Describe the tolerances in words, but for those that are missing."""
         known = {name: sd for name, sd in self.stated.items() if name not in missing}
         return ", ".join(f"{spell_name(name)} {sd:g} {unit_of(name)}" for name, sd in known.items())

@@ -80,7 +80,7 @@ TIERS = {
 
 
 def find_tier(name: str) -> SimulatorVersion:
-    """The simulator version of a tier.
+    """Find the simulator version of a tier.
 
     Raises:
         UsageError: the tier was removed, or there is none of this name.

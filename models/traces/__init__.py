@@ -14,7 +14,7 @@ _PUSH_TO_PULL = 2.0  # what springs back after a pull is smaller than the pull
 
 
 def peak_force_n(trace: Trace) -> float:
-    """Peak pull-off force: the largest force during the lift, in N (the paper's objective)."""
+    """Return the peak pull-off force: the largest force during the lift, in N (the paper's objective)."""
     force_n = trace.force_n[trace.is_lift]
     return float(force_n.max()) if force_n.size else 0.0
 
@@ -38,7 +38,7 @@ def find_counted_down(trace: Trace) -> int | None:
 
 
 def _is_mostly_negative(trace: Trace) -> bool:
-    """Whether force is negative over more of the lift than positive, by area: thrice as much."""
+    """Return whether force is negative over more of the lift than positive, by area: thrice as much."""
     size = Trace(trace.time_s, trace.lift_mm, np.abs(trace.force_n))
     return work_j(trace) < -0.5 * work_j(size)
 
@@ -50,7 +50,7 @@ def work_j(trace: Trace) -> float:
 
 
 def initial_force_n(trace: Trace) -> float:
-    """Force just before the lift starts, in N; negative when the fingers push the object down."""
+    """Return the force just before the lift starts, in N; negative when the fingers push the object down."""
     before = np.flatnonzero(~trace.is_lift)
     index = before[-1] if before.size else 0
     return float(trace.force_n[index]) if len(trace.force_n) else 0.0

@@ -36,7 +36,7 @@ class Short(NamedTuple):
 
 
 def grip_n(features: TraceFeatures) -> np.ndarray:
-    """Largest force (n), of either sign, that shows that the gripper closed, before 2 mm of lift."""
+    """Return the largest force (n), of either sign, that shows that the gripper closed, before 2 mm of lift."""
     shown = [features.column(name) for name in ("initial_force_n", "closing_lowest_n")]
     return np.asarray(np.max(np.abs([*shown, features.profile_n[:, 0]]), axis=0))
 
@@ -48,7 +48,7 @@ def hold_against(
     object_id: np.ndarray,
     fewest: int = LEAST_CELLS,
 ) -> dict[str, Short]:
-    """Shortfalls of n grasps by what they are of: `grip` and `late` of ln(force + 0.5 N), `press` in N.
+    """Find shortfalls of n grasps by what they are of: `grip` and `late` of ln(force + 0.5 N), `press` in N.
 
     Args:
         measured: of n grasps, usable.
@@ -74,7 +74,7 @@ def hold_against(
 
 
 def late_n(profile_n: np.ndarray, expected_n: np.ndarray) -> np.ndarray:
-    """Mean force (n) over the part of the lift in which the object should still be held, but not for long, N."""
+    """Average the force (n) over the part of the lift in which the object should still be held, but not long, N."""
     edges_mm = PROFILE_STEP_MM * np.arange(expected_n.shape[1] + 1)
     is_held = expected_n > np.maximum(_HELD * expected_n.max(axis=1), _HELD_N)[:, None]
     held_mm = edges_mm[-1] - PROFILE_STEP_MM * is_held[:, ::-1].argmax(axis=1)
@@ -92,7 +92,7 @@ def _take(features: TraceFeatures, part: np.ndarray) -> TraceFeatures:
 
 
 def _like_others(measured: TraceFeatures, cells: np.ndarray, cell: np.ndarray) -> TraceFeatures:
-    """What the middle tool does on the object of each grasp, its own left out where there are others."""
+    """Return what the middle tool does on each grasp's object, its own left out where there are others."""
     values, profile_n = np.zeros_like(measured.values), np.zeros_like(measured.profile_n)
     for number, (tool, object_id) in enumerate(cells.T):
         others = (cells[1] == object_id) & (cells[0] != tool)
@@ -119,14 +119,14 @@ def _hold(measured: TraceFeatures, expected: TraceFeatures, cells: np.ndarray, c
 
 
 def _start_n(features: TraceFeatures) -> np.ndarray:
-    """Force just before the lift and over its first two steps, 3 x n: where an object that is pressed down shows it."""
+    """Return force just before the lift and over its first two steps, 3 x n: where an object pressed down shows it."""
     return np.stack([features.column("initial_force_n"), features.profile_n[:, 0], features.profile_n[:, 1]])
 
 
 def _press(
     starts: np.ndarray, level_n: np.ndarray, cells: np.ndarray, cell: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How much harder the object is pressed down than expected, N, and p-values (n each).
+    """Return how much harder the object is pressed down than expected, N, and p-values (n each).
 
     It is the push that explains the start of the lift best. A push dies away by exp(-lift / `DIP_MM`). Its size is that
     of generalised least squares (Aitken 1935) on the three forces of the start, whose errors go together as those of
@@ -145,7 +145,7 @@ def _press(
 def _short(
     name: str, difference: np.ndarray, cells: np.ndarray, cell: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Shortfall and p of every grasp, against what the other cells say of its own; shortfall of each cell's middle."""
+    """Return each grasp's shortfall and p, against what other cells say of its own; shortfall of each cell's middle."""
     order = np.argsort(cell, kind="stable")
     parts = np.split(order, np.flatnonzero(np.diff(cell[order])) + 1)
     middle = np.array([np.median(difference[part]) for part in parts])

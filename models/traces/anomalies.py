@@ -72,7 +72,7 @@ class Evidence:
     compared: Compared
 
     def is_flagged(self, least: float, limit_p: float) -> np.ndarray:
-        """Which of the n depart by more than chance explains, and by more than matters."""
+        """Return which of the n depart by more than chance explains, and by more than matters."""
         return np.asarray((self.p_value < limit_p) & (self.shortfall >= least))
 
 
@@ -86,7 +86,7 @@ def find_anomalies(
     limit_p: float = LIMIT_P,
     fewest: int = LEAST_CELLS,
 ) -> list[Anomaly]:
-    """Flags on n grasps, in their order; one kind of loss at most per grasp, beside preload and drift.
+    """Find flags on n grasps, in their order; one kind of loss at most per grasp, beside preload and drift.
 
     `simulated`: of the same tools and objects, n rows, NaN where there is none; None: of none. Without repeats, and
     with fewer than `fewest` tools on objects, there is nothing to compare with but the zero.
@@ -112,13 +112,13 @@ _LOSSES: frozenset[Kind] = frozenset({"stuck_valve", "ejection", "early_loss", "
 
 
 def evidence_of(features: TraceFeatures, labels: Labels) -> dict[str, Evidence]:
-    """How far n grasps depart from their repeats, and their end from zero, by the names in `MEASURES`."""
+    """Measure how far n grasps depart from their repeats, and their end from zero, by the names in `MEASURES`."""
     evidence = {name: _evidence(name, values, features, labels) for name, values in _values(features).items()}
     return {**evidence, "zero": _zero_evidence(features)}
 
 
 def _values(features: TraceFeatures) -> dict[str, np.ndarray]:
-    """The measures of n grasps that fall when something is wrong."""
+    """Return the measures of n grasps that fall when something is wrong."""
     work_j = np.maximum(features.column("work_j"), LEAST_WORK_J)
     return {
         "grip": grip_n(features),
@@ -140,7 +140,7 @@ def _done_mm(profile_n: np.ndarray) -> np.ndarray:
 
 
 def _rest_n(features: TraceFeatures, shortfall_mm: np.ndarray) -> np.ndarray:
-    """Mean force (n) from where a loss would be over to where the work is usually done; 0 where that is not later."""
+    """Average the force (n) from where a loss would be over to where work is usually done; 0 if that is not later."""
     middle_mm = PROFILE_STEP_MM * (np.arange(features.profile_n.shape[1]) + 0.5)
     done_mm = _done_mm(features.profile_n)
     begin_mm, end_mm = LOSS_OVER[0] * done_mm + LOSS_OVER[1], done_mm + shortfall_mm
@@ -163,7 +163,7 @@ def _to_repeats(values: np.ndarray, labels: Labels) -> np.ndarray:
 
 
 def _zero_evidence(features: TraceFeatures) -> Evidence:
-    """How far the force at the end of the lift is from zero, where it should be."""
+    """Return how far the force at the end of the lift is from zero, where it should be."""
     rest_n = features.column("end_force_n").copy()
     rest_n[np.abs(rest_n) > STILL_HELD_N] = np.nan
     no_level, least = np.zeros(len(rest_n)), MEASURES["zero"].least_scale
@@ -177,7 +177,7 @@ def _separation_mm(features: TraceFeatures) -> np.ndarray:
 
 
 def _kinds_by_repeats(features: TraceFeatures, labels: Labels, evidence: dict[str, Evidence], limit_p: float) -> _Found:
-    """Which grasps are of each kind beside their repeats; a drift or an earlier loss explains later ones."""
+    """Find which grasps are of each kind beside their repeats; a drift or an earlier loss explains later ones."""
     flagged = {name: found.is_flagged(MEASURES[name].least, limit_p) for name, found in evidence.items()}
     let_go_mm = np.nan_to_num(_to_repeats(_separation_mm(features), labels))
     is_sudden = evidence["lift"].shortfall <= SUDDEN * let_go_mm
@@ -201,7 +201,7 @@ def _kinds_by_repeats(features: TraceFeatures, labels: Labels, evidence: dict[st
 def _kinds_by_expectation(
     features: TraceFeatures, labels: Labels, shorts: dict[str, Short], zero: Evidence, limit_p: float
 ) -> _Found:
-    """The same beside what is expected of the tool on the object."""
+    """Find the same beside what is expected of the tool on the object."""
     evidence = {name: Evidence(short.p_value, short.shortfall, "expected") for name, short in shorts.items()}
     flagged = {name: found.is_flagged(LEAST_OF_EXPECTED[name], limit_p) for name, found in evidence.items()}
     has_no_grip = flagged["grip"] & (grip_n(features) < NOISE_N)
@@ -251,7 +251,7 @@ def _anomaly(place: int, kind: Kind, measure: str, evidence: Evidence) -> Anomal
 
 
 def shortfall_to_repeats(values: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """How much less each of n values is than the nearest of its repeats, which have the same `group`; NaN: it has none.
+    """Return how much less each of n values is than the nearest of its repeats, of the same `group`; NaN: it has none.
 
     The nearest, so that of three repeats the odd one departs and the other two do not.
     """
@@ -268,7 +268,7 @@ def shortfall_to_repeats(values: np.ndarray, group: np.ndarray) -> np.ndarray:
 
 
 def p_values(shortfalls: np.ndarray, level: np.ndarray, least_scale: float, freedom: float = FREEDOM) -> np.ndarray:
-    """Probability (n) that so large a shortfall, or a larger, comes by chance; NaN where there is no shortfall.
+    """Return the probability (n) that a shortfall as large, or larger, comes by chance; NaN where there is none.
 
     Chance is as likely to give an excess, and nothing that goes wrong does: the excesses among the n say how far chance
     goes. Over their scale, which may depend on `level`, shortfalls are taken to follow a t-distribution.

@@ -27,17 +27,17 @@ class TraceFeatures:
         return ~np.isnan(self.values[:, 0])
 
     def column(self, name: str) -> np.ndarray:
-        """One feature of all traces (n)."""
+        """Return one feature of all traces (n)."""
         return np.asarray(self.values[:, FEATURES.index(name)])
 
     def row(self, place: int) -> dict[str, float | None]:
-        """Features of one trace by name; None where it does not show one."""
+        """Return the features of one trace by name; None where it does not show one."""
         values = self.values[place].tolist()
         return {name: None if value != value else value for name, value in zip(FEATURES, values, strict=True)}
 
 
 def features_of_samples(lift_mm: np.ndarray, force_n: np.ndarray, offsets: np.ndarray) -> TraceFeatures:
-    """Features of traces laid end to end: samples of trace i are `offsets[i]` to `offsets[i + 1]`, as in Arrow lists.
+    """Find features of traces laid end to end: trace i is samples `offsets[i]` to `offsets[i + 1]`, as in Arrow lists.
 
     Raises:
         UsageError: there is no trace, or the offsets do not fit the samples.
@@ -56,7 +56,7 @@ def features_of_samples(lift_mm: np.ndarray, force_n: np.ndarray, offsets: np.nd
 
 
 def features_of(traces: Sequence[Trace | None]) -> TraceFeatures:
-    """Features of n traces; what has no trace has none.
+    """Compute the features of n traces; what has no trace has none.
 
     Raises:
         UsageError: nothing was given.

@@ -32,12 +32,12 @@ class Chance:
     share: float
 
     def p_of(self, shortfall: np.ndarray) -> np.ndarray:
-        """Probability that chance falls as short, or shorter."""
+        """Return the probability that chance falls as short, or shorter."""
         return np.asarray(stdtr(self.freedom, -shortfall / self.scale))
 
 
 def predict_cells(difference: np.ndarray, tool: np.ndarray, object_id: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Difference that the other cells lead to expect of each of n cells, and how much its error grows so (n, >= 1).
+    """Predict the difference that other cells lead to expect of each of n cells, and how its error grows so (n, >= 1).
 
     Args:
         difference: n, measured less simulated, finite.
@@ -75,7 +75,7 @@ def predict_cells(difference: np.ndarray, tool: np.ndarray, object_id: np.ndarra
 
 
 def fit_chance(shortfall: np.ndarray, least_scale: float) -> Chance:
-    """Chance that explains n shortfalls best: t-distributed, but for a share of faults, whose shortfalls are anything.
+    """Fit the chance that explains n shortfalls best: t-distributed, but for a share of faults, with any shortfalls.
 
     Args:
         shortfall: n, positive is suspicious.
@@ -104,7 +104,7 @@ def find_shortfalls(
     least_scale: float,
     usual_chance: Chance | None = None,
 ) -> tuple[np.ndarray, np.ndarray, Chance]:
-    """How much less each of n cells is than expected, the scale of its own chance over the common one, and chance.
+    """Find how much less each of n cells is than expected, its own chance's scale over the common one, and chance.
 
     Some tools and objects are harder to predict than others. How much is read off the size of the other cells' rests,
     by the same fit on their logarithms. Shortfalls divided by that scale follow `Chance`.
@@ -127,6 +127,6 @@ def find_shortfalls(
 
 
 def _density(x: np.ndarray, freedom: float) -> np.ndarray:
-    """Density of the t-distribution."""
+    """Return the density of the t-distribution."""
     log_scale = gammaln(0.5 * (freedom + 1.0)) - gammaln(0.5 * freedom) - 0.5 * np.log(np.pi * freedom)
     return np.asarray(np.exp(log_scale - 0.5 * (freedom + 1.0) * np.log1p(x**2 / freedom)))

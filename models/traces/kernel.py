@@ -28,7 +28,7 @@ _N_FEATURES = len(FEATURES)
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def features_of_flat(lift_mm: np.ndarray, force_n: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Features (n x len(FEATURES)) and profiles (n x N_PROFILE, N) of n traces, laid end to end.
+    """Compute features (n x len(FEATURES)) and profiles (n x N_PROFILE, N) of n traces, laid end to end.
 
     Samples of trace i are `offsets[i]` to `offsets[i + 1]`. NaN: the trace does not show the feature; the whole row
     of a trace that lifts less than `MIN_LIFT_MM`.
@@ -55,7 +55,7 @@ def features_of_flat(lift_mm: np.ndarray, force_n: np.ndarray, offsets: np.ndarr
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _lift_start(lift_mm: np.ndarray) -> int:
-    """Place of the last sample before the lift; the length where nothing is lifted."""
+    """Find the place of the last sample before the lift; the length where nothing is lifted."""
     for i in range(len(lift_mm)):
         if lift_mm[i] > 0.0:
             return max(i - 1, 0)
@@ -64,7 +64,7 @@ def _lift_start(lift_mm: np.ndarray) -> int:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _fill_steps(lift_mm: np.ndarray, force_n: np.ndarray, steps_n: np.ndarray) -> int:
-    """Mean forces over steps of lift, of the piecewise linear force, zero beyond its end; returns the whole steps.
+    """Fill in mean forces over steps of lift, of the piecewise linear force, zero beyond its end; returns whole steps.
 
     Readings of the lift that step back by noise count where the lift already was.
     """
@@ -88,7 +88,7 @@ def _fill_steps(lift_mm: np.ndarray, force_n: np.ndarray, steps_n: np.ndarray) -
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _readings(lift_mm: np.ndarray, force_n: np.ndarray, start: int, found: np.ndarray) -> None:
-    """What is read from single readings and the area under them: features 0 to 3, 6, 17 and 18."""
+    """Find what is read from single readings and the area under them: features 0 to 3, 6, 17 and 18."""
     at, work_n_mm = start, 0.0
     rest_n, n_rest = 0.0, 0
     end_mm = np.max(lift_mm) - END_MM
@@ -115,7 +115,7 @@ def _readings(lift_mm: np.ndarray, force_n: np.ndarray, start: int, found: np.nd
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _hold(steps_n: np.ndarray, found: np.ndarray) -> None:
-    """Dip and the way out of it, the longest stretch near the peak with its line, lift above half: 4, 5, 7 to 11."""
+    """Find the dip and the way out, the longest stretch near the peak with its line, lift above half: 4, 5, 7 to 11."""
     top = int(np.argmax(steps_n))
     found[4] = np.min(steps_n[:_N_DIP])
     found[5] = 0.0
@@ -143,7 +143,7 @@ def _hold(steps_n: np.ndarray, found: np.ndarray) -> None:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _peaks(steps_n: np.ndarray, prominences_n: np.ndarray, found: np.ndarray) -> None:
-    """How many peaks, and the prominences of the two that stand out most: 12 to 14.
+    """Count peaks, and find the prominences of the two that stand out most: 12 to 14.
 
     Before and after the trace the force counts as zero, or as its lowest where that is less.
     """
@@ -176,7 +176,7 @@ def _peaks(steps_n: np.ndarray, prominences_n: np.ndarray, found: np.ndarray) ->
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _after_peak(steps_n: np.ndarray, found: np.ndarray) -> None:
-    """How fast the force falls from `HOLD` to `LET_GO` of the peak, and the least force after the peak: 15, 16.
+    """Find how fast the force falls from `HOLD` to `LET_GO` of the peak, and the least force after the peak: 15, 16.
 
     Falls from the last step that holds to the first after it that has let go; crossings are linear between middles.
     """

@@ -19,18 +19,18 @@ class Interval(NamedTuple):
 
 
 def resampled_means(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Means (N_RESAMPLES) of as many draws with replacement from the values of n tools."""
+    """Return the means (N_RESAMPLES) of as many draws with replacement from the values of n tools."""
     return np.asarray(values[rng.integers(len(values), size=(N_RESAMPLES, len(values)))].mean(axis=1))
 
 
 def mean_of_tools(values: np.ndarray, seed: int = 0) -> Interval:
-    """Mean over tools, with the percentile bootstrap over tools (Efron and Tibshirani 1993, chapter 13)."""
+    """Compute the mean over tools, with percentile bootstrap over tools (Efron and Tibshirani 1993, chapter 13)."""
     means = resampled_means(values, np.random.default_rng(seed))
     return _interval(float(values.mean()), means, len(values), is_bounded=len(values) > 1)
 
 
 def difference_of_tools(first: np.ndarray, last: np.ndarray, seed: int = 0) -> Interval:
-    """Mean of `last` less mean of `first`; both groups of tools are resampled. `n` counts both."""
+    """Return the mean of `last` less mean of `first`; both groups of tools are resampled. `n` counts both."""
     rng = np.random.default_rng(seed)
     differences = resampled_means(last, rng) - resampled_means(first, rng)
     is_bounded = min(len(first), len(last)) > 1
@@ -38,7 +38,7 @@ def difference_of_tools(first: np.ndarray, last: np.ndarray, seed: int = 0) -> I
 
 
 def ratio_of_means(value: float, half_width: float, reference: float, reference_half_width: float) -> Interval:
-    """One mean over another with the interval that follows from theirs, which are independent; any one unit.
+    """Divide one mean by another, with the interval that follows from theirs, which are independent; any one unit.
 
     The bounds r solve (value - r reference)^2 = half_width^2 + r^2 reference_half_width^2 (Fieller 1954, J. R. Stat.
     Soc. B 16, 175; with intervals of their own for both means: Donner and Zou 2012, Stat. Methods Med. Res. 21, 347).

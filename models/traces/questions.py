@@ -39,14 +39,14 @@ class Told(NamedTuple):
 
 
 def find_questions(told: Sequence[Told]) -> list[Question]:
-    """Questions about the forces of one file, in the order of the file."""
+    """List questions about the forces of one file, in the order of the file."""
     held = [number for number, one in enumerate(told) if one.force_n > 0.0]
     found = [q._replace(numbers=tuple(held[n] for n in q.numbers)) for q in _ask_held([told[n] for n in held])]
     return sorted([*found, *_find_zeros(told)], key=lambda question: question.numbers[0])
 
 
 def _ask_held(told: Sequence[Told]) -> list[Question]:
-    """Questions about positive forces, which have logarithms."""
+    """List questions about positive forces, which have logarithms."""
     if not told:
         return []
     log_n = np.log([one.force_n for one in told])
@@ -58,7 +58,7 @@ def _ask_held(told: Sequence[Told]) -> list[Question]:
 
 
 def _find_zeros(told: Sequence[Told]) -> Iterator[Question]:
-    """Grasps without force beside repeats that held, or the other way round: of a cell, those that are fewer.
+    """Yield grasps without force beside repeats that held, or the other way round: of a cell, those that are fewer.
 
     A force of few steps of the gauge, which the nearest two numbers of the file show, is as good as none.
     """
@@ -83,7 +83,7 @@ def _group(told: Sequence[Told], key: "object") -> list[list[int]]:
 
 
 def _find_slips(told: Sequence[Told], log_n: np.ndarray, cells: Sequence[Sequence[int]]) -> Iterator[Question]:
-    """A number that is not like the other repeats of its cell: a slip of the decimal point, or something else.
+    """Find numbers not like the other repeats of their cell: a slip of the decimal point, or something else.
 
     Where one number or two are all of a cell, what the simulator or the other cells say of it decides.
     """
@@ -103,7 +103,7 @@ def _find_slips(told: Sequence[Told], log_n: np.ndarray, cells: Sequence[Sequenc
 
 
 def _name_slip(told: Sequence[Told], cell: Sequence[int], number: int, middle: float, sd: float) -> Question:
-    """The question about a number that is far from the middle, ln N, of its repeats."""
+    """Ask about a number that is far from the middle, ln N, of its repeats."""
     one, usual_n = told[number], float(np.exp(middle))
     where = f"{one.place}: {one.force_n:g} N beside {_list_forces(told, cell, number)}"
     departure = np.log(max(one.force_n, 1e-9)) - middle
@@ -117,7 +117,7 @@ def _name_slip(told: Sequence[Told], cell: Sequence[int], number: int, middle: f
 def _find_slip_of_two(
     told: Sequence[Told], log_n: np.ndarray, cells: Sequence[Sequence[int]], place: int, level: float
 ) -> Iterator[Question]:
-    """Of two repeats that are not alike, the one that is farther from what is expected; both where nothing is."""
+    """Find the one of two unlike repeats that is farther from what is expected; both where nothing is."""
     cell = cells[place]
     apart = abs(log_n[cell[0]] - log_n[cell[1]])
     if apart < _LEAST_OUTLIER:
@@ -137,7 +137,7 @@ def _find_slip_of_two(
 
 
 def _find_slip_of_one(told: Sequence[Told], number: int, log_n: float, level: float, sd: float) -> Iterator[Question]:
-    """A number without repeats, if a decimal point explains far better that it is not what is expected of its cell."""
+    """Find a number without repeats if a decimal point explains far better that it is not as expected of its cell."""
     if not np.isfinite(level):
         return
     departure = log_n - level
@@ -152,7 +152,7 @@ def _find_slip_of_one(told: Sequence[Told], number: int, log_n: float, level: fl
 
 
 def _find_levels(told: Sequence[Told], log_n: np.ndarray, cells: Sequence[Sequence[int]]) -> tuple[np.ndarray, float]:
-    """What ln force is expected of each cell (NaN: nothing is), and how far cells are from it, standard deviation.
+    """Find what ln force is expected of each cell (NaN: nothing is), and how far cells are from it, standard deviation.
 
     By the simulator, and by the cell's tool on other objects and its object with other tools, each weighed by how near
     cells are to it.
@@ -178,19 +178,19 @@ def _find_levels(told: Sequence[Told], log_n: np.ndarray, cells: Sequence[Sequen
 
 
 def _scatter_of_cells(rest: np.ndarray) -> float:
-    """Standard deviation of cells about what is expected of them, from the middle; infinite where few are known."""
+    """Return the cells' standard deviation about what is expected, from the middle; infinite where few are known."""
     known = np.isfinite(rest).sum()
     return max(1.4826 * _median(np.abs(rest)), _LEAST_CELL_SD) if known >= _LEAST_RUN else np.inf
 
 
 def _median(values: np.ndarray) -> float:
-    """Of those that are known; NaN of none."""
+    """Return the median of those that are known; NaN of none."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if known.size else np.nan
 
 
 def _scatter_of_repeats(log_n: np.ndarray, cells: Sequence[Sequence[int]]) -> float:
-    """Standard deviation of ln force among repeats, from the middle of all cells: slips do not move it."""
+    """Return the standard deviation of ln force in repeats, from the middle of all cells: slips do not move it."""
     spreads = [abs(log_n[a] - log_n[b]) for cell in cells for a, b in combinations(cell, 2)]
     # The median of |a - b| of two normal numbers is 0.954 standard deviations of one.
     return max(float(np.median(spreads)) / 0.954, _LEAST_REPEAT_SD) if spreads else _LEAST_REPEAT_SD
@@ -201,7 +201,7 @@ def _list_forces(told: Sequence[Told], cell: Sequence[int], number: int) -> str:
 
 
 def _find_copies(told: Sequence[Told]) -> Iterator[Question]:
-    """Equal numbers in a row over several cells: copied downwards, or a gauge that stuck."""
+    """Find equal numbers in a row over several cells: copied downwards, or a gauge that stuck."""
     forces = [one.force_n for one in told]
     start = 0
     for _, group in groupby(forces):
@@ -221,7 +221,7 @@ def _find_copies(told: Sequence[Told]) -> Iterator[Question]:
 
 
 def _find_doubles(told: Sequence[Told]) -> Iterator[Question]:
-    """Two tools with the same numbers: told twice under two names."""
+    """Find two tools with the same numbers: told twice under two names."""
     tools: dict[str, dict[tuple[int, int], int]] = {}
     for number, one in enumerate(told):
         tools.setdefault(one.tool, {})[one.object_id, one.repeat] = number
@@ -235,7 +235,7 @@ def _find_doubles(told: Sequence[Told]) -> Iterator[Question]:
 
 
 def _find_unit(told: Sequence[Told], log_n: np.ndarray, odd: set[int]) -> Iterator[Question]:
-    """All forces in another unit than N, by what is expected of them."""
+    """Find whether all forces are in another unit than N, by what is expected of them."""
     known = [number for number, one in enumerate(told) if one.expected_n and number not in odd]
     if len(known) < 3:
         return
@@ -255,7 +255,7 @@ def _find_unit(told: Sequence[Told], log_n: np.ndarray, odd: set[int]) -> Iterat
 
 
 def _find_exchanges(told: Sequence[Told], log_n: np.ndarray, odd: set[int]) -> Iterator[Question]:
-    """Two tools, or two objects, whose forces fit what is expected of the other."""
+    """Find two tools, or two objects, whose forces fit what is expected of the other."""
     known = [number for number, one in enumerate(told) if one.expected_n and number not in odd]
     if len(known) < 4:
         return

@@ -114,7 +114,7 @@ def _spreads(cells: Mapping[Cell, _Forces], keys: Sequence[Hashable]) -> tuple[S
 
 
 def _spread(key: str, cells: Sequence[_Forces]) -> Spread:
-    """ISO 5725-2, 7.4: variances of repeats and between labs, pooled over cells."""
+    """Pool over cells the variances of repeats and between labs: ISO 5725-2, 7.4."""
     squares = freedom = 0.0
     between, sizes, means = [], [], []
     for forces in cells:

@@ -36,7 +36,7 @@ CENTRES_MM: Mapping[str, float] = {
 
 
 def step_means(trace: Trace) -> np.ndarray:
-    """Mean forces of the lift over steps of `STEP_MM`, 120, in N; zero after the end of the trace.
+    """Return the mean forces of the lift over steps of `STEP_MM`, 120, in N; zero after the end of the trace.
 
     Raises:
         UsageError: the trace has no lift, or a value that is not finite.
@@ -55,14 +55,14 @@ def step_means(trace: Trace) -> np.ndarray:
 
 
 def is_usable(trace: Trace) -> bool:
-    """Whether `step_means` takes the trace: values are finite, and it lifts by `DIP_MM` or more."""
+    """Return whether `step_means` takes the trace: values are finite, and it lifts by `DIP_MM` or more."""
     lift_mm = trace.lift_mm[trace.is_lift]
     is_finite = bool(np.isfinite(trace.lift_mm).all() and np.isfinite(trace.force_n).all())
     return is_finite and len(lift_mm) > 1 and bool(lift_mm[-1] - lift_mm[0] >= DIP_MM)
 
 
 def features_of_steps(steps_n: np.ndarray) -> np.ndarray:
-    """Features (... x 14) of mean forces over steps (... x 120), in the order and the units of `FEATURES`.
+    """Compute features (... x 14) of mean forces over steps (... x 120), in the order and the units of `FEATURES`.
 
     Mean forces in ten bins of lift (N); the largest of the means over `STEP_MM` (N); the mean lift of those within a
     tenth of it (mm), which unlike the place of the maximum moves smoothly with theta on a plateau; the least of them
@@ -81,7 +81,7 @@ def features_of_steps(steps_n: np.ndarray) -> np.ndarray:
 
 
 def _area_at(at_mm: np.ndarray, lift_mm: np.ndarray, force_n: np.ndarray, area: np.ndarray) -> np.ndarray:
-    """Area under the piecewise linear force up to lifts, in N mm: exact, and constant outside the trace."""
+    """Compute the area under the piecewise linear force up to lifts, in N mm: exact, constant outside the trace."""
     inside_mm = np.clip(at_mm, lift_mm[0], lift_mm[-1])
     before = np.clip(np.searchsorted(lift_mm, inside_mm, side="right") - 1, 0, len(lift_mm) - 2)
     step_mm = inside_mm - lift_mm[before]

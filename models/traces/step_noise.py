@@ -38,7 +38,7 @@ class SensorNoise:
             )
 
     def step_covariance(self, n_steps: int, lift_speed_mm_per_s: float) -> np.ndarray:
-        """Covariance of the means over `n_steps` steps of `STEP_MM`, in N^2.
+        """Compute the covariance of the means over `n_steps` steps of `STEP_MM`, in N^2.
 
         A step is the mean of m readings; the covariance of two steps, j apart, is s^2 times the mean of r^|jm + a - b|
         over their readings a and b, r the correlation of neighbouring readings.
@@ -52,7 +52,7 @@ class SensorNoise:
 
 
 def noise_of_readings(traces: Sequence[Trace]) -> SensorNoise:
-    """Sensor noise from the readings of the first `QUIET_S` of traces, before the fingers touch.
+    """Estimate sensor noise from the readings of the first `QUIET_S` of traces, before the fingers touch.
 
     sd of all of them, and the correlation time of an AR(1) process with their correlation of neighbours.
 
@@ -83,7 +83,7 @@ def noise_of_readings(traces: Sequence[Trace]) -> SensorNoise:
 
 
 def noise_of_repeats(steps_n: np.ndarray, cell: np.ndarray, lift_speed_mm_per_s: float) -> SensorNoise:
-    """Sensor noise from what repeats do not share, for traces without readings before contact.
+    """Estimate sensor noise from what repeats do not share, for traces without readings before contact.
 
     steps_n: n x steps. cell: n, what a trace is a repeat of. Neighbouring steps of the differences from the mean of the
     repeats are subtracted once more, which leaves white noise; the median keeps sliding and lost grips out.
@@ -118,7 +118,7 @@ def feature_noise(
     seed: int = 0,
     of_steps: Callable[[np.ndarray], np.ndarray] = features_of_steps,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Bias (n x f) and covariance (n x f x f) of the features of traces (n x steps, N) under sensor noise.
+    """Estimate bias (n x f) and covariance (n x f x f) of the features of traces (n x steps, N) under sensor noise.
 
     The peak of a noisy trace is too high, by its noise over a plateau; the bias is what to take off. The same draws
     serve all traces. Traces should be free of noise already, or means of repeats, as the noise is added once more.

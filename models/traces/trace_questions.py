@@ -55,7 +55,7 @@ class ToldTrace(NamedTuple):
 
 
 def find_trace_questions(told: Sequence[ToldTrace]) -> list[Question]:
-    """Questions about traces of one file, by position."""
+    """Find questions about traces of one file, by position."""
     if not told:
         return []
     measured = features_of([one.trace for one in told])
@@ -68,7 +68,7 @@ def find_trace_questions(told: Sequence[ToldTrace]) -> list[Question]:
 
 
 def _find_doubles(told: Sequence[ToldTrace]) -> list[Question]:
-    """Traces with the very samples of another: one file under two names. No two pulls have the same noise."""
+    """Find traces with the very samples of another: one file under two names. No two pulls have the same noise."""
     found, first = [], dict[bytes, int]()
     for number, one in enumerate(told):
         before = first.setdefault(one.trace.force_n.tobytes(), number)
@@ -79,7 +79,7 @@ def _find_doubles(told: Sequence[ToldTrace]) -> list[Question]:
 
 
 def _find_saturated(told: Sequence[ToldTrace]) -> list[Question]:
-    """Traces that stand still at their largest force, or leap from it to the largest negative one."""
+    """Find traces that stand still at their largest force, or leap from it to the largest negative one."""
     found = []
     for number, one in enumerate(told):
         force_n, most_n = one.trace.force_n, float(one.trace.force_n.max(initial=0.0))
@@ -99,13 +99,13 @@ def _find_saturated(told: Sequence[ToldTrace]) -> list[Question]:
 
 
 def _longest_run(is_there: np.ndarray) -> int:
-    """Most samples in a row for which it is so."""
+    """Count the most samples in a row for which it is so."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], is_there, [False]]).astype(int)))
     return int(np.max(edges[1::2] - edges[::2], initial=0))
 
 
 def _ask_of_file(told: Sequence[ToldTrace], measured: TraceFeatures, expected: TraceFeatures) -> Question | None:
-    """A fault that most traces of the file show."""
+    """Ask about a fault that most traces of the file show."""
     every = tuple(range(len(told)))
     peak_n, wanted_n = measured.column("peak_force_n"), expected.column("peak_force_n")
     is_seen = measured.is_usable & (wanted_n > _LEAST_EXPECTED_N)
@@ -162,18 +162,18 @@ def _ask_of_axes(told: Sequence[ToldTrace], is_seen: np.ndarray) -> Question | N
 
 
 def _is_even(trace: Trace) -> bool:
-    """Whether the force is as a lift at constant speed, and the lift is not."""
+    """Return whether the force is as a lift at constant speed, and the lift is not."""
     return _unevenness(trace, trace.force_n) < _EVEN < 0.5 * _unevenness(trace, trace.lift_mm)
 
 
 def _unevenness(trace: Trace, channel: np.ndarray) -> float:
-    """Scatter of a channel about a straight line over time, as a share of its range."""
+    """Return the scatter of a channel about a straight line over time, as a share of its range."""
     line = np.polyval(np.polyfit(trace.time_s, channel, 1), trace.time_s)
     return float(np.std(channel - line)) / max(float(np.ptp(channel)), 1e-9)
 
 
 def _peak(trace: Trace | None) -> tuple[float, float]:
-    """Largest force, N, and the lift at which it is, mm."""
+    """Find the largest force, N, and the lift at which it is, mm."""
     if trace is None:
         return 1.0, 1.0
     place = int(trace.force_n.argmax())
@@ -212,7 +212,7 @@ def _find_cut(told: Sequence[ToldTrace]) -> list[Question]:
 def _ask_of_cells(
     told: Sequence[ToldTrace], measured: TraceFeatures, expected: TraceFeatures, odd: set[int]
 ) -> list[Question]:
-    """Cells of which more than half of the repeats went wrong alike."""
+    """Ask about cells of which more than half of the repeats went wrong alike."""
     part = [number for number in np.flatnonzero(measured.is_usable).tolist() if number not in odd]
     if not part:
         return []

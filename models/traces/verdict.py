@@ -54,7 +54,7 @@ def judge_grasp(
 
 
 def _half_width(gaps_n: Sequence[float]) -> float:
-    """What holds `BAND` of the gaps about zero."""
+    """Return what holds `BAND` of the gaps about zero."""
     sizes = sorted(map(abs, gaps_n))
     place = BAND * (len(sizes) - 1)
     low = int(place)

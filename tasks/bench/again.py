@@ -28,7 +28,7 @@ _STATES = "SELECT tool_id, object_id, grasp_id FROM asked_grasps WHERE search_id
 
 
 def again_search(campaign_id: str, batch: int) -> str:
-    """What the requests of cells that a batch measures again go by in the lake."""
+    """Return what the requests of cells that a batch measures again go by in the lake."""
     return f"{campaign_id}/B{batch:02d} again"
 
 
@@ -39,12 +39,12 @@ def note_due(campaign: Campaign, batch: int) -> None:
 
 
 def is_owed(campaign: Campaign, batch: int) -> bool:
-    """Whether a batch owes its second look."""
+    """Return whether a batch owes its second look."""
     return _has_event(campaign, batch, AGAIN_DUE) and not _has_event(campaign, batch, MEASURED_AGAIN)
 
 
 def plan_again(campaign: Campaign, state: CampaignState, batch: int) -> list[ToolWork]:
-    """Grasps that a batch makes again and has not made yet, by tool; asked for now if they are not asked for."""
+    """Plan grasps that a batch makes again and has not made yet, by tool; ask for them now if nobody has."""
     search = again_search(campaign.campaign_id, batch)
     if not is_owed(campaign, batch):
         return []
@@ -105,7 +105,7 @@ def _ask(campaign: Campaign, tools: Sequence[ProposedTool], search: str) -> None
 
 
 def _look(campaign: Campaign) -> list[dict[str, Any]]:
-    """Flags on the campaign's grasps, surest first; none where no grasp lifts."""
+    """Return flags on the campaign's grasps, surest first; none where no grasp lifts."""
     # A second of imports, which a command that only counts what is owed does not wait for.
     from fast.tasks.traces.anomalies import update_anomalies
     from fast.tasks.traces.features import update_features

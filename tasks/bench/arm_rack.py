@@ -12,7 +12,7 @@ from fast.tasks.campaign.requests import BENCH_OPENED
 
 
 def read_rack(address: str) -> dict[int, MountedTool]:
-    """Tools that a campaign of the lake expects in the rack of its arm, by slot; none while none has opened one."""
+    """Read the tools that a campaign of the lake expects in its arm's rack, by slot; none while none has opened one."""
     if not Lake.exists(address):
         return {}
     lake = Lake.open(address)

@@ -61,7 +61,7 @@ def write_requests(
 
 
 def read_requests(lake: Lake, search_id: str) -> list[GraspRequest]:
-    """All that a search asked for, in order."""
+    """Read all that a search asked for, in order."""
     rows = lake.records(GraspRequestRow, search_id=search_id)
     return [row.request for row in sorted(rows, key=lambda row: row.place)]
 
@@ -69,7 +69,7 @@ def read_requests(lake: Lake, search_id: str) -> list[GraspRequest]:
 def read_open_requests(
     lake: Lake, *, search_id: str | None = None, tool_id: str | None = None
 ) -> list[tuple[GraspRequest, int]]:
-    """Grasps that are asked for and not made yet, in order, each with how often it was tried."""
+    """Read the grasps that are asked for and not made yet, in order, each with how often it was tried."""
     found = list(tuples(lake, _OPEN, search=search_id, tool=tool_id))
     rows = {row.request_id: row for row in lake.records(GraspRequestRow, request_id=[name for name, _ in found])}
     return [(rows[name].request, n_attempts) for name, n_attempts in found]
@@ -103,6 +103,6 @@ def confirm_mounting(lake: Lake, campaign_id: str, mounting: Mounting) -> None:
 
 
 def read_mounting(lake: Lake, search_id: str) -> Mounting | None:
-    """What a person said of the tools of a search; None before."""
+    """Read what a person said of the tools of a search; None before."""
     found = lake.records(EventRow, event_id=EventRow.make_id(MOUNTED, search_id))
     return Mounting.model_validate(found[-1].payload) if found else None

@@ -51,7 +51,7 @@ def read_part(
     repeat: int | None = None,
     batch: int | None = None,
 ) -> Part:
-    """A part of the plan as people name it; `tool`: such as B01T3. With nothing named, the rest of the batch.
+    """Read a part of the plan as people name it; `tool`: such as B01T3. With nothing named, the rest of the batch.
 
     Raises:
         UsageError: the tool is not written so, or a repeat has no tool or object.
@@ -70,7 +70,7 @@ def read_part(
 
 
 def find_batch_at_bench(campaign: Campaign, state: CampaignState) -> int:
-    """The batch that is measured now, or next: the first that owes grasps, or else the last one."""
+    """Find the batch that is measured now, or next: the first that owes grasps, or else the last one."""
     plan, limit = campaign.config.objects.list_grasps(0), campaign.config.max_grasp_attempts
     batches = sorted({tool.batch for tool in state.tools})
     for batch in batches:
@@ -81,7 +81,7 @@ def find_batch_at_bench(campaign: Campaign, state: CampaignState) -> int:
 
 
 def _check_part(campaign: Campaign, state: CampaignState, part: Part) -> None:
-    """Raises UsageError for what the campaign does not have, or has not at the bench."""
+    """Raise UsageError for what the campaign does not have, or has not at the bench."""
     if part.object_id is not None and part.object_id not in campaign.object_ids:
         raise UsageError(f"campaign {campaign.campaign_id} has no {part.name}; nothing was changed.")
     if not state.tools_of(part.batch):

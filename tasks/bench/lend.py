@@ -80,7 +80,7 @@ class LentBench:
     """What the last order came to."""
 
     def may_take(self, operator: str, now: datetime | None = None) -> bool:
-        """Whether a person may take it: it is free, or its holder has not answered."""
+        """Return whether a person may take it: it is free, or its holder has not answered."""
         if self.holder in ("", operator):
             return True
         now = now or datetime.now(UTC)
@@ -89,7 +89,7 @@ class LentBench:
 
 
 def read_lent(lake: Lake) -> LentBench | None:
-    """The bench that is lent now, and who holds it; None where none is."""
+    """Read the bench that is lent now, and who holds it; None where none is."""
     holder = holder_of(lake.storage, LEASE)
     if holder is None:
         return None
@@ -119,7 +119,7 @@ def send_request(lake: Lake, request: BenchRequest) -> str:
 
 
 def check_request(lake: Lake, lent: LentBench, request: BenchRequest) -> None:
-    """Raises UsageError where a person may not order this now; a stop is never refused."""
+    """Raise UsageError where a person may not order this now; a stop is never refused."""
     who, holder = request.operator, lent.holder
     moving = holder_of(lake.storage, GANTRY_LEASE)
     if request.verb in ("take", "run") and moving is not None and not holder:
@@ -137,7 +137,7 @@ def check_request(lake: Lake, lent: LentBench, request: BenchRequest) -> None:
 
 
 def _follow(lent: LentBench, kind: str, payload: dict[str, Any], at: datetime) -> LentBench:
-    """What an event makes of who holds the bench."""
+    """Return what an event makes of who holds the bench."""
     free = replace(lent, holder="", wanted_by="", wanted_at=None)
     if kind == DONE:
         return replace(free if payload["is_over"] else lent, said=payload["sentence"])
@@ -166,7 +166,7 @@ def _say(request: BenchRequest, lent: LentBench) -> str:
 
 
 def reading_path(lake: Lake) -> Path:
-    """Where a bench that is moved by hand writes what it reads."""
+    """Return where a bench that is moved by hand writes what it reads."""
     return lake.root / ".state" / "live" / "by-hand.json"
 
 
@@ -263,7 +263,7 @@ class Lender:
 
 
 def _write_reading(path: Path, hand: Hand) -> None:
-    """What the bench reads, for who looks on; a bench that does not answer is said so."""
+    """Write what the bench reads, for who looks on; a bench that does not answer is said so."""
     try:
         values: dict[str, Any] = asdict(hand.read())
     except FastError as error:
@@ -282,7 +282,7 @@ class _Requests:
         self._waiting: queue.Queue[BenchRequest] = queue.Queue()
 
     def next(self) -> BenchRequest | None:
-        """The next order, waiting for a moment."""
+        """Return the next order, waiting for a moment."""
         try:
             return self._waiting.get(timeout=LOOK_S)
         except queue.Empty:
@@ -321,7 +321,7 @@ class _Requests:
 
 @contextmanager
 def _hear(lake: Lake, session: str) -> Iterator[_Requests]:
-    """Orders of people until the `with` block ends, looked for in a thread of its own."""
+    """Yield orders of people until the `with` block ends, looked for in a thread of its own."""
     requests, is_over = _Requests(lake, session), threading.Event()
 
     def look_on() -> None:

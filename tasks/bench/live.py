@@ -50,7 +50,7 @@ class LiveGrasp:
 
 
 def live_path(lake: Lake, campaign_id: str) -> Path:
-    """Where the present grasp of a campaign is written."""
+    """Return where the present grasp of a campaign is written."""
     return lake.root / ".state" / "live" / f"{campaign_id}.jsonl"
 
 
@@ -68,7 +68,7 @@ def show_live(path: Path, bench: GraspBench) -> Iterator[None]:
 
 
 def read_live(path: Path, place: str = "") -> LiveGrasp | None:
-    """The present grasp of a file: samples after `place`, where the last reading ended, or all of another grasp.
+    """Read the present grasp of a file: samples after `place`, where the last reading ended, or all of another grasp.
 
     None where there is nothing new, or no file.
     """
@@ -100,7 +100,7 @@ def read_live(path: Path, place: str = "") -> LiveGrasp | None:
 
 
 def _write_on(path: Path, bench: GraspBench, is_over: threading.Event) -> None:
-    """Nothing that goes wrong here ends a grasp: the file is for people who look on."""
+    """Write the file for people who look on; nothing that goes wrong here ends a grasp."""
     shown: GraspInView | None = None
     file: IO[str] | None = None
     n = 0

@@ -66,7 +66,7 @@ class BenchUse:
 
 @contextmanager
 def hold_bench(campaign: Campaign, tools: Sequence[ProposedTool], use: BenchUse) -> Iterator[GraspBench]:
-    """The bench with these tools in its rack; no other process of the lake has it, and people are heard.
+    """Hold the bench with these tools in its rack; no other process of the lake has it, and people are heard.
 
     Raises:
         FastError: another process holds the bench of this lake.
@@ -156,7 +156,7 @@ def measure_batch(
 
 
 def refuse_nonsense(grasp: MeasuredGrasp) -> MeasuredGrasp:
-    """A grasp whose trace no bench can have measured is a failed one, whatever its driver says of it.
+    """Make a grasp whose trace no bench can have measured a failed one, whatever its driver says of it.
 
     The trace is kept up to the first sample that is no finite number.
     """
@@ -180,7 +180,7 @@ def refuse_nonsense(grasp: MeasuredGrasp) -> MeasuredGrasp:
 
 
 def _find_other_unit(trace: Trace, wanted: float) -> str:
-    """Words for forces or a lift in another unit than N, mm and s, or an empty text; `wanted`: lift speed, mm/s."""
+    """Find words for forces or lift in another unit than N, mm and s, or an empty text; `wanted`: lift speed, mm/s."""
     largest_n = float(np.abs(trace.force_n).max())
     if largest_n > MOST_FORCE_N:
         return f"The force is {largest_n:.4g} N, a pull has at most {MOST_FORCE_N:g} N: look at its unit"
@@ -215,7 +215,7 @@ def check_position(campaign: Campaign, bench: GraspBench, batch: int) -> None:
 
 
 def find_first_order(campaign: Campaign) -> int:
-    """Place of the next grasp in its campaign: after the last, also of those that were replaced since."""
+    """Find the place of the next grasp in its campaign: after the last, also of those that were replaced since."""
     sql = 'SELECT coalesce(max("order") + 1, 0) AS next FROM raw_grasps WHERE campaign_id = ?'
     ((order,),) = tuples(campaign.lake, sql, campaign.campaign_id)
     return int(order)

@@ -39,7 +39,7 @@ class MeasuredTool(Record):
 
 
 def read_measured(numbers: Mapping[str, float], source: str) -> MeasuredTool:
-    """What was measured of a tool, of numbers by what people call them; `source` names the tool in messages.
+    """Read what was measured of a tool, of numbers by what people call them; `source` names the tool in messages.
 
     Raises:
         ConfigError: a number is not above 0, or not finite.
@@ -113,7 +113,7 @@ def mark_measured(
     is_sure: bool,
     way: str = "--sure",
 ) -> dict[str, str]:
-    """What is strange of each tool, of numbers that a person is sure of; `told`: each as drawn and as measured.
+    """Mark what is strange of each tool, of numbers that a person is sure of; `told`: each as drawn and measured.
 
     Raises:
         UsageError: something cannot be, or is strange and nobody is sure of it.
@@ -165,7 +165,7 @@ def _list_walls(tool_id: str, design: Design, values: Mapping[str, Any], *, is_n
 
 
 def _draw(design: Design) -> dict[str, float]:
-    """The walls of a finger as drawn, mm; families but the fin ray may have none of them."""
+    """Return the walls of a finger as drawn, mm; families but the fin ray may have none of them."""
     return {wall: float(getattr(design, name)) for wall, name in WALLS.items() if hasattr(design, name)}
 
 

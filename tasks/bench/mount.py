@@ -18,7 +18,7 @@ from fast.tasks.campaign.state import CampaignState, ProposedTool
 
 
 def plan_rack(lake: Lake, state: CampaignState, search_id: str) -> dict[str, int]:
-    """Slot of the rack for each tool of which a search asks a grasp: its own, or the next free one.
+    """Plan the slot of the rack for each tool of which a search asks a grasp: its own, or the next free one.
 
     Raises:
         UsageError: a tool is not one of the campaign, or was never printed.
@@ -39,7 +39,7 @@ def plan_rack(lake: Lake, state: CampaignState, search_id: str) -> dict[str, int
 
 
 def list_asked_tools(campaign: Campaign, state: CampaignState, search_id: str) -> list[ProposedTool]:
-    """Mounted tools of which a search still asks a grasp, in the slots where they hang."""
+    """List the mounted tools of which a search still asks a grasp, in the slots where they hang."""
     mounting = read_mounting(campaign.lake, search_id)
     if mounting is None:
         return []

@@ -30,24 +30,24 @@ class ToolWork:
 
 
 def plan_tool(campaign: Campaign, state: CampaignState, tool: ProposedTool) -> ToolWork:
-    """What a tool owes after what the lake has of it."""
+    """Plan what a tool owes after what the lake has of it."""
     missing = state.missing_grasps(tool, order_grasps(campaign, tool), campaign.config.max_grasp_attempts)
     done = frozenset(state.measured.get(tool.tool_id, ()))
     return ToolWork(tool, missing, done, {cell: state.next_attempt(tool.tool_id, cell) for cell in missing})
 
 
 def plan_asked(lake: Lake, tool: ProposedTool, search_id: str | None = None) -> ToolWork:
-    """The grasps of a tool that a search, or any, asks for and that are not made yet, in their order."""
+    """Plan the grasps of a tool that a search, or any, asks for and that are not made yet, in their order."""
     found = read_open_requests(lake, search_id=search_id, tool_id=tool.tool_id)
     items = [request for request, _ in found]
     return ToolWork(tool, items, attempts={request.request_id: n for request, n in found})
 
 
 def order_grasps(campaign: Campaign, tool: ProposedTool) -> list[PlannedGrasp]:
-    """All (object, repeat) of a tool in the order in which they are made, the same after every restart."""
+    """Order all (object, repeat) of a tool as they are made, the same after every restart."""
     return campaign.config.objects.list_grasps(seed_of_order(campaign, tool))
 
 
 def seed_of_order(campaign: Campaign, tool: ProposedTool) -> int:
-    """Seed of the order in which the grasps of a tool are made."""
+    """Return the seed of the order in which the grasps of a tool are made."""
     return campaign.seed("order", tool.tool_id)

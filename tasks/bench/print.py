@@ -59,7 +59,7 @@ class _Stock(NamedTuple):
 
 
 def print_folder(lake: Lake, campaign_id: str, batch: int) -> Path:
-    """Where the files of a batch are written unless a person asks for another folder."""
+    """Return where the files of a batch are written unless a person asks for another folder."""
     return lake.root / "outputs" / campaign_id / f"B{batch:02d}-print"
 
 
@@ -96,7 +96,7 @@ def write_tray(lake: Lake, campaign_id: str, batch: int, folder: Path, slots: Co
 
 
 def ensure_tray(lake: Lake, campaign_id: str, batch: int) -> Path:
-    """The sheet of a batch, with its files; written unless they are there."""
+    """Return the sheet of a batch, with its files; write them unless they are there."""
     folder = print_folder(lake, campaign_id, batch)
     sheet = folder / SHEET
     return sheet if sheet.exists() else write_tray(lake, campaign_id, batch, folder)
@@ -153,7 +153,7 @@ def confirm_told(lake: Lake, campaign_id: str, tools: Sequence[ProposedTool], op
 
 
 def open_slots(lake: Lake, campaign_id: str, batch: int) -> list[int]:
-    """Slots of a proposed batch of which nobody has said what became of them.
+    """Return the slots of a proposed batch of which nobody has said what became of them.
 
     Raises:
         UsageError: unknown batch.
@@ -163,7 +163,7 @@ def open_slots(lake: Lake, campaign_id: str, batch: int) -> list[int]:
 
 
 def _check_slots(name: str, slots: list[int], word: PrintConfirmation) -> None:
-    """Raises UsageError for a slot that the batch does not have, or one with two fates."""
+    """Raise UsageError for a slot that the batch does not have, or one with two fates."""
     for slot in sorted({*word.rejected, *word.again, *word.measured, *word.mounted}):
         if slot not in slots:
             raise UsageError(
@@ -176,7 +176,7 @@ def _check_slots(name: str, slots: list[int], word: PrintConfirmation) -> None:
 def _check_open(
     name: str, rows: list[dict[str, Any]], before: Mapping[int, dict[str, Any]], word: PrintConfirmation
 ) -> None:
-    """Raises UsageError when the batch, or a slot that is spoken of, is already confirmed."""
+    """Raise UsageError when the batch, or a slot that is spoken of, is already confirmed."""
     if len(before) == len(rows):
         raise UsageError(f"batch {name} is already confirmed; nothing was changed.")
     for slot in sorted({*word.rejected, *word.again, *word.measured, *word.mounted} & set(before)):
@@ -207,14 +207,14 @@ def _tool_row(
 
 
 def _campaign_stock(lake: Lake, campaign_id: str, lot: str = "") -> _Stock:
-    """What the tools of a campaign are printed of and how: as its config says, unless a person names the lot."""
+    """Return what a campaign's tools are printed of and how: as its config says, unless a person names the lot."""
     stored = lake.rows(CampaignRow, campaign_id=campaign_id)
     text = stored[-1]["config_toml"] if stored else ""
     return _Stock(lot or (name_campaign_lot(text) if text else ""), read_stored_recipe(text) if text else None)
 
 
 def _check_rack(slots: list[int], before: Mapping[int, dict[str, Any]], confirmation: PrintConfirmation) -> None:
-    """Raises UsageError for a rack slot that is not there, or that two tools would hang in."""
+    """Raise UsageError for a rack slot that is not there, or that two tools would hang in."""
     hanging = [row for row in before.values() if row["status"] == "printed"]
     taken = {row["slot"] if row["rack_slot"] is None else row["rack_slot"]: row["slot"] for row in hanging}
     for slot in (slot for slot in slots if slot not in confirmation.rejected):
@@ -229,7 +229,7 @@ def _check_rack(slots: list[int], before: Mapping[int, dict[str, Any]], confirma
 
 
 def _proposals(lake: Lake, campaign_id: str, batch: int) -> list[dict[str, Any]]:
-    """Proposed tools of a batch, by slot."""
+    """Return the proposed tools of a batch, by slot."""
     rows = lake.rows(ProposalRow, campaign_id=campaign_id, fidelity="real", batch=batch)
     if not rows:
         name = BatchRow.make_id(campaign_id, batch)

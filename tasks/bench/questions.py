@@ -37,7 +37,7 @@ class OpenQuestion:
 
 
 def list_open_questions(lake: Lake, campaign_id: str) -> list[OpenQuestion]:
-    """Questions of a campaign's bench that nobody has answered, the oldest first."""
+    """List the questions of a campaign's bench that nobody has answered, the oldest first."""
     asked, answers, heard = _read(lake, campaign_id)
     over = answers.keys() | heard
     return [OpenQuestion(name, question) for name, question in asked.items() if name not in over]
@@ -73,13 +73,13 @@ def answer_question(
 
 
 def withdraw_questions(lake: Lake, campaign_id: str) -> None:
-    """The bench works no more: what it asked needs no answer."""
+    """Withdraw what the bench asked: it works no more, and needs no answer."""
     for one in list_open_questions(lake, campaign_id):
         append_event(lake, campaign_id, HEARD, f"asked no more: {one.question.sentence}", question_id=one.question_id)
 
 
 def make_ask(lake: Lake, campaign_id: str, should_stop: Callable[[], bool]) -> Ask:
-    """What a bench of a campaign asks a person with; it waits for the answer, or until somebody stops."""
+    """Make what a campaign's bench asks a person with; it waits for the answer, or until somebody stops."""
 
     def ask(question: BenchQuestion) -> BenchAnswer:
         asked, _, heard = _read(lake, campaign_id)
@@ -110,7 +110,7 @@ def _wait(lake: Lake, campaign_id: str, question_id: str, should_stop: Callable[
 
 
 def _read(lake: Lake, campaign_id: str) -> tuple[dict[str, BenchQuestion], dict[str, BenchAnswer], set[str]]:
-    """Questions and answers by question, and the questions that are over."""
+    """Read questions and answers by question, and the questions that are over."""
     asked: dict[str, BenchQuestion] = {}
     answers: dict[str, BenchAnswer] = {}
     heard: set[str] = set()
@@ -126,7 +126,7 @@ def _read(lake: Lake, campaign_id: str) -> tuple[dict[str, BenchQuestion], dict[
 
 
 def read_number(label: str, text: str) -> float:
-    """A number as a person writes it, with a point or a comma.
+    """Read a number as a person writes it, with a point or a comma.
 
     Raises:
         UsageError: it is none.

@@ -26,7 +26,7 @@ from fast.tasks.scientist.observe import means_of_tools
 
 
 def reference_search(campaign_id: str, batch: int) -> str:
-    """What the requests of a batch's reference tools go by in the lake."""
+    """Return what the requests of a batch's reference tools go by in the lake."""
     return f"{campaign_id}/B{batch:02d} reference"
 
 
@@ -52,7 +52,7 @@ def ask_references(campaign: Campaign, state: CampaignState, batch: int) -> None
 def add_references(
     campaign: Campaign, state: CampaignState, batch: int, mounted: Sequence[ProposedTool]
 ) -> list[ProposedTool]:
-    """Reference tools of a batch that still owe grasps and are not gone, in the free slots from the last one down."""
+    """Add a batch's reference tools that still owe grasps and are not gone, in the free slots from the last down."""
     known = {tool.tool_id: tool for tool in state.tools}
     taken = {tool.rack_slot for tool in mounted}
     free = iter([slot for slot in reversed(range(N_SLOTS)) if slot not in taken])
@@ -61,7 +61,7 @@ def add_references(
 
 
 def plan_reference(campaign: Campaign, batch: int, tool: ProposedTool) -> ToolWork:
-    """The grasps that a reference tool still owes in a batch."""
+    """Plan the grasps that a reference tool still owes in a batch."""
     return plan_asked(campaign.lake, tool, reference_search(campaign.campaign_id, batch))
 
 
@@ -83,7 +83,7 @@ def note_gone(lake: Lake, campaign_id: str, batch: int, tools: Sequence[str], op
 
 
 def list_owed(campaign: Campaign, batch: int) -> list[GraspRequest]:
-    """Grasps that the reference tools of a batch still owe, but for those that are gone."""
+    """List the grasps that the reference tools of a batch still owe, but for those that are gone."""
     search = reference_search(campaign.campaign_id, batch)
     word = read_mounting(campaign.lake, search)
     gone = word.gone if word is not None else ()
@@ -91,7 +91,7 @@ def list_owed(campaign: Campaign, batch: int) -> list[GraspRequest]:
 
 
 def _choose(campaign: Campaign, state: CampaignState, batch: int) -> list[ProposedTool]:
-    """The tools that the config names, or the best of those measured here in batches before; the best first."""
+    """Choose the tools that the config names, or the best measured here in batches before; the best first."""
     wanted = campaign.config.schedule.reference_tools
     here = {t.tool_id: t for t in state.tools if t.batch < batch and t.batch not in state.imported}
     means = means_of_tools(campaign, state)

@@ -34,7 +34,7 @@ _LABELS = {
 
 
 def batch_sheet_html(title: str, items: Sequence[PrintItem], notes: Sequence[str], recipe: Recipe | None = None) -> str:
-    """One self-contained HTML page: what to print and how, how it lies on the plate, what to type, what to measure.
+    """Write one self-contained HTML page: what to print and how, how it lies on the plate, what to type and measure.
 
     Ten tools on one plate print on two sides of A4. `notes` are printed as commands. A tool that breaks a rule of its
     recipe says so on its card.
@@ -67,7 +67,7 @@ def batch_sheet_html(title: str, items: Sequence[PrintItem], notes: Sequence[str
 
 
 def _describe_tool(item: PrintItem, recipe: Recipe | None) -> dict[str, Any]:
-    """What the card of a tool shows."""
+    """Describe what the card of a tool shows."""
     values, bodies = item.design.model_dump(), finger_bodies(item.design)
     return {
         "label": item.label,
@@ -81,7 +81,7 @@ def _describe_tool(item: PrintItem, recipe: Recipe | None) -> dict[str, Any]:
 
 
 def _mass_g(finger: FingerBodies, recipe: Recipe | None) -> float:
-    """Mass of a finger without support, at the densities of the recipe if there is one."""
+    """Compute the mass of a finger without support, at the densities of the recipe if there is one."""
     if recipe is None:
         return finger.mass_g
     bodies = (recipe.compliant, finger.compliant), (recipe.rigid, finger.rigid)

@@ -186,14 +186,14 @@ def take_back(campaign: Campaign, operator: str) -> int:
 
 
 def _take_back_row(row: GraspRow, operator: str) -> GraspRow:
-    """The row that stands for a grasp which counts as not made."""
+    """Make the row that stands for a grasp which counts as not made."""
     details = canonical_json({"end": BENCH_FAULT, "taken_back_by": operator})
     changes = {"status": "failed", "reason": f"taken back by {operator}", "peak_force_n": None, "work_j": None}
     return row.model_copy(update={**changes, "initial_force_n": None, "details_json": details})
 
 
 def find_named_tools(campaign: Campaign) -> dict[str, list[str]]:
-    """Ids of the tools of each design of one's own, by its name as it is compared."""
+    """Find the ids of the tools of each design of one's own, by its name as it is compared."""
     found: dict[str, list[str]] = {}
     for row in campaign.lake.rows(ProposalRow, campaign_id=campaign.campaign_id, fidelity="real"):
         if row["name"] and row["batch"] is not None and row["slot"] is not None:
@@ -203,12 +203,12 @@ def find_named_tools(campaign: Campaign) -> dict[str, list[str]]:
 
 
 def _bare_name(name: str) -> str:
-    """File names have no blanks."""
+    """Return a name without blanks, as file names have none."""
     return name.strip().replace(" ", "_").casefold()
 
 
 def _full_id(campaign: Campaign, named: Mapping[str, Sequence[str]], one: ToldGrasp) -> str:
-    """`quick/B01T3` of `B01T3`, of `b01t3`, or of the name that designs.csv gives to its design."""
+    """Return `quick/B01T3` of `B01T3`, of `b01t3`, or of the name that designs.csv gives to its design."""
     name, found, short = one.tool_id.strip().rpartition("/")
     is_id = re.fullmatch(r"B\d+T\d", short.upper()) is not None
     tools = () if is_id else tuple(dict.fromkeys(named.get(_bare_name(one.tool_id), ())))
@@ -222,7 +222,7 @@ def _full_id(campaign: Campaign, named: Mapping[str, Sequence[str]], one: ToldGr
 
 
 def _mark(questions: Sequence[Question], told: Sequence[ToldGrasp]) -> dict[Key, list[str]]:
-    """What was strange of each grasp that a person is sure of."""
+    """Mark what was strange of each grasp that a person is sure of."""
     measured = [one for one in told if one.force_n is not None]
     marks: dict[Key, list[str]] = {}
     for question in questions:
@@ -232,7 +232,7 @@ def _mark(questions: Sequence[Question], told: Sequence[ToldGrasp]) -> dict[Key,
 
 
 def _find_asked(campaign: Campaign, state: CampaignState) -> Mapping[Key, GraspRequest]:
-    """Every grasp that a batch, or an open question, asks for: made or not."""
+    """Find every grasp that a batch, or an open question, asks for: made or not."""
     setup = campaign.config.grasp
     asked: dict[Key, GraspRequest] = {}
     for tool in state.tools:
@@ -249,7 +249,7 @@ def _find_asked(campaign: Campaign, state: CampaignState) -> Mapping[Key, GraspR
 
 
 def _known_rows(campaign: Campaign, told: Sequence[ToldGrasp]) -> list[GraspRow]:
-    """The newest attempt of each grasp that is told and that the lake has."""
+    """Return the newest attempt of each grasp that is told and that the lake has."""
     wanted = {one.key for one in told}
     rows = campaign.lake.records(GraspRow, tool_id=sorted({one.tool_id for one in told}))
     return sorted(
@@ -264,7 +264,7 @@ def _find_fault(
     asked: Mapping[Key, GraspRequest],
     one: ToldGrasp,
 ) -> str | None:
-    """What is wrong with a grasp by itself."""
+    """Find what is wrong with a grasp by itself."""
     if one.tool_id not in tools:
         return f"{one.place}: tool {one.tool_id} was not asked for; tools are named like {_example(state)}"
     if state.confirmed.get(one.tool_id) == "rejected":
@@ -341,7 +341,7 @@ def _find_trace_fault(campaign: Campaign, request: GraspRequest, one: ToldGrasp,
 
 
 def _are_exchanged(lift_mm: np.ndarray, force_n: np.ndarray) -> bool:
-    """Whether what is told as force goes one way, as a lift does, and the lift rises and falls, as a force does."""
+    """Return whether what is told as force goes one way, like a lift, and the lift rises and falls, like a force."""
     falls_mm = float(lift_mm.max() - lift_mm[int(lift_mm.argmax()) :].min())
     back_n = float((np.maximum.accumulate(force_n) - force_n).max())
     return back_n <= _LIFT_BACK_MM < 0.2 * float(np.ptp(force_n)) and falls_mm > 0.5 * float(lift_mm.max())
@@ -359,7 +359,7 @@ def _find_doubles(told: Sequence[ToldGrasp]) -> list[str]:
 
 
 def _find_disorder(asked: Mapping[Key, GraspRequest], told: Sequence[ToldGrasp]) -> list[str]:
-    """Grasps of a search follow each other as they were asked for: the effects of wear and time cancel only then."""
+    """Find a search's grasps not in the order asked for: the effects of wear and time cancel only in that order."""
     place = {request.request_id: number for number, request in enumerate(asked.values()) if request.request_id}
     timed = [
         (one.started_at, place[asked[one.key].request_id], one)
@@ -376,7 +376,7 @@ def _find_disorder(asked: Mapping[Key, GraspRequest], told: Sequence[ToldGrasp])
 
 
 def _find_known(campaign: Campaign, told: Sequence[ToldGrasp], before: Mapping[Key, GraspRow]) -> set[Key]:
-    """The grasps that the lake has as they are told, their samples too; a failure, with its reason."""
+    """Find the grasps that the lake has as they are told, their samples too; a failure, with its reason."""
     alike = [one for one in told if (row := before.get(one.key)) is not None and _has_equal_numbers(one, row)]
     traced = [before[one.key].grasp_id for one in alike if one.trace is not None]
     traces = {row.grasp_id: row.trace for row in campaign.lake.records(TraceRow, grasp_id=traced)} if traced else {}
@@ -398,7 +398,7 @@ def _are_equal(one: Trace, other: Trace | None) -> bool:
 
 
 def _say_change(one: ToldGrasp, row: GraspRow) -> str:
-    """A grasp that the lake has as a success with other numbers."""
+    """Tell of a grasp that the lake has as a success with other numbers."""
     now = f"{one.force_n:g} N" if one.force_n is not None else f"failed ({one.reason})"
     was = f"{row.peak_force_n:g} N{'' if row.work_j is None else ' with its trace'}"
     if one.trace is not None:
@@ -428,7 +428,7 @@ def _write(
     operator: str,
     marks: Mapping[Key, list[str]],
 ) -> None:
-    """Tools, samples, grasps, in this order: a crash in between leaves nothing that telling again does not mend."""
+    """Write tools, samples, grasps, in this order: a crash in between leaves nothing that telling again cannot mend."""
     tools = {tool.tool_id: tool for tool in state.tools}
     unsaid = [tools[i] for i in dict.fromkeys(one.tool_id for one in told) if i not in state.confirmed]
     confirm_told(campaign.lake, campaign.campaign_id, unsaid, operator)
@@ -452,7 +452,7 @@ def _write(
 def _grasp_row(
     campaign: Campaign, tool: ProposedTool, one: ToldGrasp, before: GraspRow | None, request: GraspRequest
 ) -> GraspRow:
-    """A grasp replaces its earlier row; a success after a failure, or without its trace, is a new attempt."""
+    """Make the row that replaces a grasp's earlier one; a success after a failure or without trace is a new attempt."""
     is_new = before is not None and one.force_n is not None and (before.status != "ok" or _drops_trace(one, before))
     attempt = 0 if before is None else before.attempt + is_new
     lab = campaign.config.lab
@@ -481,5 +481,5 @@ def _grasp_row(
 
 
 def _drops_trace(one: ToldGrasp, before: GraspRow) -> bool:
-    """Whether a peak alone takes the place of a grasp with its trace, which would stay beside the new peak."""
+    """Return whether a peak alone replaces a grasp with its trace, which would stay beside the new peak."""
     return before.work_j is not None and one.trace is None and one.force_n is not None

@@ -29,7 +29,7 @@ _WITH_UNIT = re.compile(r"(?P<number>[^A-Za-z]+?)\s*(?P<unit>[A-Za-z]+)")
 
 
 def read_peaks(path: Path, notes: list[str] | None = None) -> list[ToldGrasp]:
-    """Grasps of a table of peaks (`results.csv`); rows with neither peak nor reason are still to be made.
+    """Read the grasps of a table of peaks (`results.csv`); rows with neither peak nor reason are still to be made.
 
     notes: a list that takes a sentence about columns that were left out.
 
@@ -59,7 +59,7 @@ def _read_row(row: CsvRow) -> ToldGrasp:
 
 
 def read_object(row: CsvRow, column: str) -> int:
-    """Number of an object, which may be given by its name.
+    """Read the number of an object, which may be given by its name.
 
     Raises:
         UsageError: it is neither.
@@ -76,7 +76,7 @@ def read_object(row: CsvRow, column: str) -> int:
 
 
 def _read_object_once(row: CsvRow) -> int:
-    """The object of a row, whose column `object` may not name another one; words that name none are a remark."""
+    """Read the object of a row; column `object` may not name another, and words there that name none are a remark."""
     object_id, name = read_object(row, "object_id"), row.get("object", "").strip().casefold()
     namesakes = {obj.object_id for obj in list_known() if obj.name.casefold() == name}
     if namesakes and object_id not in namesakes:
@@ -85,7 +85,7 @@ def _read_object_once(row: CsvRow) -> int:
 
 
 def _read_force_n(row: CsvRow) -> float:
-    """A force in N, or with its unit in the cell."""
+    """Read a force in N, or with its unit in the cell."""
     match = _WITH_UNIT.fullmatch(row["peak_force_n"].strip())
     scale = scale_of("force", match["unit"]) if match else None
     if match is None or scale is None:
@@ -102,7 +102,7 @@ def _read_time(row: CsvRow) -> datetime | None:
 
 
 def read_rows_of(grasps: Iterable[Mapping[str, Any]]) -> list[ToldGrasp]:
-    """Grasps told from Python: mappings with the columns of a table of peaks, or `trace` in place of the peak.
+    """Read grasps told from Python: mappings with the columns of a table of peaks, or `trace` in place of the peak.
 
     Raises:
         UsageError: a key is missing or unknown, or a value is of the wrong kind.
@@ -125,13 +125,13 @@ def read_rows_of(grasps: Iterable[Mapping[str, Any]]) -> list[ToldGrasp]:
 
 
 def _text_of(value: Any) -> str:
-    """The text of a value; empty for None, and for what a data frame has where nothing is known."""
+    """Return the text of a value; empty for None, and for what a data frame has where nothing is known."""
     text = "" if value is None else str(plain(value))
     return "" if text in _MISSING else text
 
 
 def read_folder(campaign: Campaign, folder: Path) -> list[ToldGrasp]:
-    """Grasps of a hand-off folder: the plan with traces beside it, or with peaks and reasons in its rows.
+    """Read the grasps of a hand-off folder: the plan with traces beside it, or with peaks and reasons in its rows.
 
     Raises:
         UsageError: it is no such folder, or something in it is wrong; all faults are named.
@@ -157,7 +157,7 @@ def read_folder(campaign: Campaign, folder: Path) -> list[ToldGrasp]:
 
 
 def read_told(campaign: Campaign, paths: Sequence[Path], notes: list[str] | None = None) -> list[ToldGrasp]:
-    """Grasps of tables of peaks and of hand-off folders.
+    """Read the grasps of tables of peaks and of hand-off folders.
 
     Raises:
         UsageError: something in them cannot be used.

@@ -32,7 +32,7 @@ _MOST_KEPT = 512
 
 
 def ask_about(campaign: Campaign, tools: Mapping[str, ProposedTool], told: Sequence[ToldGrasp]) -> list[Question]:
-    """What is strange in told grasps, beside what cannot be used at all; `told`: with full tool ids."""
+    """Ask about what is strange in told grasps, beside what cannot be used at all; `told`: with full tool ids."""
     measured = [one for one in told if one.force_n is not None and one.tool_id in tools]
     expected = _find_expected(campaign, tools, measured)
     of_traces = _ask_about_traces(measured, expected)
@@ -59,7 +59,7 @@ def _ask_about_traces(measured: Sequence[ToldGrasp], expected: Mapping[tuple[str
 
 
 def _read_before(campaign: Campaign, told: Sequence[ToldGrasp]) -> list[Told]:
-    """What the lake has of the same tools, beside what is told now."""
+    """Read what the lake has of the same tools, beside what is told now."""
     now = {one.key for one in told}
     rows = campaign.lake.records(GraspRow, tool_id=sorted({one.tool_id for one in told})) if told else []
     return [
@@ -72,7 +72,7 @@ def _read_before(campaign: Campaign, told: Sequence[ToldGrasp]) -> list[Told]:
 def _find_expected(
     campaign: Campaign, tools: Mapping[str, ProposedTool], told: Sequence[ToldGrasp]
 ) -> dict[tuple[str, int], Expected]:
-    """What the simulator gives for tool and object: of the lake, else of some cells, simulated now."""
+    """Find what the simulator gives for tool and object: of the lake, else of some cells, simulated now."""
     cells = list(dict.fromkeys(one.key[:2] for one in told))
     design_of = {tool_id: tools[tool_id].design.design_id for tool_id, _ in cells}
     rows = campaign.lake.rows(SimulationRow, design_id=sorted(set(design_of.values()))) if cells else []
@@ -93,14 +93,14 @@ def _find_expected(
 
 
 def _spread(cells: Sequence[tuple[str, int]]) -> list[tuple[str, int]]:
-    """Some cells, of different tools and objects as far as there are."""
+    """Choose some cells, of different tools and objects as far as there are."""
     step = max(len(cells) // MOST_SIMULATED, 1)
     step += step > 1 and len({object_id for _, object_id in cells}) % step == 0
     return list(cells[::step])[:MOST_SIMULATED]
 
 
 def _simulate(campaign: Campaign, tools: Mapping[str, ProposedTool], cell: tuple[str, int]) -> Expected | None:
-    """None where the simulator has no answer: then nothing is known of this cell."""
+    """Simulate a cell; None where the simulator has no answer: then nothing is known of this cell."""
     from fast.models.simulation.grasp import simulate_grasp  # loads the kernels
 
     design, obj = tools[cell[0]].design, get_object(cell[1])

@@ -41,13 +41,13 @@ class WayOnward:
 
 
 def read_fault(lake: Lake, campaign_id: str) -> str:
-    """Why the last run of a campaign failed, in the words of the terminal; empty if it did not."""
+    """Read why the last run of a campaign failed, in the words of the terminal; empty if it did not."""
     rows = lake.query(_LAST_FAILURE, {"campaign": campaign_id}).to_pylist()
     return str(rows[0]["reason"]) if rows and rows[0]["status"] in ("failed", "died") else ""
 
 
 def list_ways(campaign: Campaign, state: CampaignState) -> list[WayOnward]:
-    """The ways on of a campaign that a fault has stopped; without a batch at the bench only to try again."""
+    """List the ways on of a campaign that a fault has stopped; without a batch at the bench only to try again."""
     tool, cell = _find_place(campaign, state)
     first = "The bench homes"
     if tool is None:
@@ -104,7 +104,7 @@ def choose_way(campaign: Campaign, choice: str, reason: str, operator: str) -> s
 
 
 def _find_place(campaign: Campaign, state: CampaignState) -> tuple[ProposedTool | None, tuple[int, int] | None]:
-    """The tool that was at work, and (object, repeat) of the grasp that the fault ended, if it came in one."""
+    """Find the tool that was at work, and (object, repeat) of the grasp that the fault ended, if it came in one."""
     found = campaign.lake.query(_CUT_SHORT, {"campaign": campaign.campaign_id}).to_pylist()
     by_id = {tool.tool_id: tool for tool in state.tools}
     if found and found[0]["tool_id"] in by_id:

@@ -53,7 +53,7 @@ class CalibrationData(ABC):
     def learn(
         self, settings: CalibrationSettings, progress: Progress | None
     ) -> tuple[CalibrationResult, SimulatorVersion | None, dict[str, Any]]:
-        """Draws of theta, the simulator to build on them, and the columns of `calibrations` that this kind fills.
+        """Return draws of theta, the simulator to build on them, and columns of `calibrations` that this kind fills.
 
         Raises:
             UsageError: there is too little to learn from.
@@ -70,11 +70,11 @@ class CalibrationData(ABC):
         return [*self.row_ids, *self.material_ids]
 
     def describe(self, settings: CalibrationSettings) -> str:
-        """What decides the result besides simulator, rows and seed."""
+        """Describe what decides the result besides simulator, rows and seed."""
         return write_settings(settings)
 
     def calibration_id(self, settings: CalibrationSettings) -> str:
-        """Id of the calibration of these data with these settings."""
+        """Return the id of the calibration of these data with these settings."""
         return CalibrationRow.make_id(
             self.base.version_id, self.kind, self.row_ids, self.describe(settings), settings.seed
         )
@@ -105,7 +105,7 @@ class CalibrationOutcome:
 def calibrate_once(
     lake: Lake, data: CalibrationData, settings: CalibrationSettings, progress: Progress | None = None
 ) -> CalibrationOutcome:
-    """The calibration of these data with these settings: the lake's, else a new one, which `infer` writes.
+    """Return the calibration of these data with these settings: the lake's, else a new one, which `infer` writes.
 
     Raises:
         UsageError: there is too little to learn from.
@@ -121,7 +121,7 @@ def calibrate_once(
 
 
 def write_settings(settings: CalibrationSettings) -> str:
-    """Settings that decide the result, as JSON; the seed has a column of its own, processes change nothing."""
+    """Write the settings that decide the result, as JSON; the seed has its own column, processes change nothing."""
     return canonical_json(settings.model_dump(mode="json", exclude={"workers", "seed"}))
 
 
@@ -167,14 +167,14 @@ def infer(
 
 
 def make_version(base: SimulatorVersion, result: CalibrationResult) -> SimulatorVersion | None:
-    """The simulator with the theta that was found, or None where nothing may be built on the draws."""
+    """Make the simulator with the theta that was found, or None where nothing may be built on the draws."""
     if check_quality(result):
         return None
     return base.model_copy(update={"theta": find_theta(summarise_theta(result))})
 
 
 def make_draw_rows(calibration_id: str, result: CalibrationResult) -> list[Row]:
-    """A row for each parameter and chain."""
+    """Make a row for each parameter and chain."""
     return [
         PosteriorDrawsRow.of(calibration_id, chain, name, result.draws[chain, :, place])
         for chain in range(result.draws.shape[0])
@@ -187,7 +187,7 @@ def _with_parents(provenance: Provenance, parents: list[str]) -> Provenance:
 
 
 def _describe_draws(result: CalibrationResult) -> dict[str, Any]:
-    """Columns of `calibrations` about the draws: Table 2, and how far they can be trusted."""
+    """Describe the draws in columns of `calibrations`: Table 2, and how far they can be trusted."""
     summary = summarise_theta(result)
     r_hat, ess = find_worst(result)
     unit = {"young_modulus_mpa": "_mpa"}
@@ -212,7 +212,7 @@ def _describe_draws(result: CalibrationResult) -> dict[str, Any]:
 def take_lot(
     lake: Lake, settings: CalibrationSettings, asked: str | None, campaign_ids: Collection[str]
 ) -> tuple[CalibrationSettings, StoredLot | None]:
-    """Settings with the priors of the lot that was asked for or that the campaigns name, and the lot.
+    """Return settings with the priors of the lot that was asked for or that the campaigns name, and the lot.
 
     Without a lot the settings stay as they are; `asked` as in `tasks.campaign.material.find_lot`.
 
@@ -226,7 +226,7 @@ def take_lot(
 
 
 def describe_lot(settings: CalibrationSettings, stored: StoredLot) -> str:
-    """The priors that a lot gave, in words, and what its hardness would say of the modulus."""
+    """Describe the priors that a lot gave, in words, and what its hardness would say of the modulus."""
     lot, ends = stored.lot, settings.priors.quantile(np.outer([0.5, TAIL, 1.0 - TAIL], np.ones(3)))
     given = {"Young's modulus": lot.young_modulus, "friction": lot.static_friction or lot.dynamic_friction}
     parts = [

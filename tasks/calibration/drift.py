@@ -26,7 +26,7 @@ class PastCalibration(NamedTuple):
 
     @staticmethod
     def of(row: Mapping[str, Any]) -> "PastCalibration":
-        """What a row of `calibrations` says."""
+        """Return what a row of `calibrations` says."""
         intervals = {}
         for name in THETA:
             stem, unit = name.removesuffix("_mpa"), "_mpa" if name.endswith("_mpa") else ""
@@ -36,7 +36,7 @@ class PastCalibration(NamedTuple):
 
 
 def read_theta_history(lake: Lake, base_version_id: str, campaign_id: str | None, data: str) -> list[PastCalibration]:
-    """The calibrations of a simulator with this kind of data of these measurements that gave a version, oldest first.
+    """Read a simulator's calibrations with this kind of data of these measurements that gave a version, oldest first.
 
     Means and traces of the same grasps say different things of theta, as do calibrations of a search for the gap, each
     with other effects: nothing has drifted between them.
@@ -46,7 +46,7 @@ def read_theta_history(lake: Lake, base_version_id: str, campaign_id: str | None
 
 
 def find_drift(history: Sequence[PastCalibration], summary: Mapping[str, ParameterSummary]) -> tuple[str, ...]:
-    """A sentence for each parameter whose 90 % interval excludes the median that the last calibration found."""
+    """Find each parameter whose 90 % interval excludes the last calibration's median: a sentence for each."""
     if not history:
         return ()
     last = history[-1]

@@ -77,7 +77,7 @@ class SimulatedPoints:
 
 
 def read_measured_tools(lake: Lake, campaign_id: str | None, only: Collection[str] | None = None) -> MeasuredTools:
-    """The measured tools of a campaign, or of the whole lake; by grasps with these ids, if some are given.
+    """Read the measured tools of a campaign, or of the whole lake; by grasps with these ids, if some are given.
 
     Raises:
         TooLittleDataError: nothing, or of too few tools, was measured.
@@ -131,7 +131,7 @@ def read_measured_tools(lake: Lake, campaign_id: str | None, only: Collection[st
 
 
 def find_base_version(lake: Lake, campaign_ids: Iterable[str], version_id: str | None) -> SimulatorVersion:
-    """The simulator that is to be calibrated: the one asked for, else the one that these campaigns consult.
+    """Find the simulator that is to be calibrated: the one asked for, else the one that these campaigns consult.
 
     Imported campaigns consult none; with them alone it is the program's own.
 
@@ -155,14 +155,14 @@ def find_base_version(lake: Lake, campaign_ids: Iterable[str], version_id: str |
 
 
 def describe_family(version: SimulatorVersion) -> str:
-    """Everything of a simulator version but theta: versions of one family differ in theta alone."""
+    """Describe everything of a simulator version but theta: versions of one family differ in theta alone."""
     return canonical_json(version.model_dump(exclude={"theta"}))
 
 
 def read_simulated_points(
     lake: Lake, base: SimulatorVersion, measured: MeasuredTools, only: Collection[str] | None = None
 ) -> SimulatedPoints:
-    """Designs simulated by the family of `base` on the measured objects, each with a theta that was drawn.
+    """Read designs simulated by the family of `base` on the measured objects, each with a theta that was drawn.
 
     By simulations with these ids, if some are given.
 
@@ -185,7 +185,7 @@ def read_simulated_points(
 def _read_points(
     lake: Lake, thetas: Mapping[str, Theta], measured: MeasuredTools, only: Collection[str] | None
 ) -> SimulatedPoints | None:
-    """Designs simulated on all measured objects by these versions; None if there are none."""
+    """Read the designs simulated on all measured objects by these versions; None if there are none."""
     sql = f"""SELECT simulation_id, version_id || '/' || design_id, design_id, version_id, object_id,
             CASE WHEN status = 'ok' THEN peak_force_n END FROM simulations
         WHERE setup_id = ? AND object_id IN ({", ".join(map(str, measured.object_ids))})
@@ -230,7 +230,7 @@ def check_enough(lake: Lake, base: SimulatorVersion, measured: MeasuredTools, pl
 
 
 def plan_hypercube(plan: HypercubePlan, base: SimulatorVersion, measured: MeasuredTools) -> SimulationPlan:
-    """The points of a plan as simulations by the family of `base`, grasped as the measured tools were."""
+    """Plan the points of a plan as simulations by the family of `base`, grasped as the measured tools were."""
     points = tuple((p.design, base.model_copy(update={"theta": p.theta})) for p in draw_hypercube(plan))
     return SimulationPlan(points, measured.object_ids, measured.setup, plan.plan_id, plan.seed)
 
@@ -238,7 +238,7 @@ def plan_hypercube(plan: HypercubePlan, base: SimulatorVersion, measured: Measur
 def make_problem(
     measured: MeasuredTools, simulated: SimulatedPoints, base: SimulatorVersion, print_scatter: float = 0.0
 ) -> CalibrationProblem:
-    """Means over the objects, missing ones predicted from the others.
+    """Make the means over the objects, missing ones predicted from the others.
 
     `print_scatter`, relative, adds to the variance of a measured mean what the stiffness of prints scatters: force is
     proportional to it, so the strongest tools are the least certain.
@@ -266,7 +266,7 @@ def make_problem(
 
 
 def _keep_base(rows: Sequence[tuple[Any, ...]]) -> tuple[list[tuple[Any, ...]], tuple[str, ...]]:
-    """Ordinary grasps at the setup of most of them, without setup and request, and a sentence on the others."""
+    """Keep ordinary grasps at the setup of most of them, without setup and request; add a sentence on the others."""
     ordinary = [row for row in rows if row[-1] is None]
     counts = Counter(sorted(row[-2] for row in ordinary))
     base = [row[:-2] for row in ordinary if row[-2] == counts.most_common(1)[0][0]]
@@ -280,7 +280,7 @@ def _keep_base(rows: Sequence[tuple[Any, ...]]) -> tuple[list[tuple[Any, ...]], 
 
 
 def _common_objects(lake: Lake, campaigns: Sequence[str], objects: Sequence[int]) -> tuple[int, ...]:
-    """The objects that the campaigns have in common: every one measured them or has them in its config.
+    """Return the objects that the campaigns have in common: every one measured them or has them in its config.
 
     A campaign that was stopped early has reached a few of its objects; its tools miss the others as tools do that a
     person left unfinished.
@@ -304,7 +304,7 @@ def _common_objects(lake: Lake, campaigns: Sequence[str], objects: Sequence[int]
 def _mean_table(
     keys: Sequence[str], objects: Sequence[int], forces_n: Sequence[float | None], object_ids: Sequence[int]
 ) -> np.ndarray:
-    """Mean force of each key (in order of appearance) on each object, N, NaN where there is none."""
+    """Compute the mean force of each key (in order of appearance) on each object, N, NaN where there is none."""
     row_of = {key: i for i, key in enumerate(dict.fromkeys(keys))}
     column_of = {object_id: i for i, object_id in enumerate(object_ids)}
     total, count = np.zeros((2, len(row_of), len(column_of)))
@@ -327,7 +327,7 @@ def _designs(lake: Lake, design_ids: Sequence[str]) -> list[Design]:
 
 
 def _printed_points(lake: Lake, tool_ids: Sequence[str], designs: Sequence[Design]) -> np.ndarray:
-    """Fingers as they were printed, m x 9: thicknesses as measured where a person measured them."""
+    """Return fingers as they were printed, m x 9: thicknesses as measured where a person measured them."""
     printed = {row["tool_id"]: row for row in lake.rows(ToolRow, tool_id=list(tool_ids))}
     points = []
     for tool_id, design in zip(tool_ids, designs, strict=True):
@@ -346,19 +346,19 @@ def _left_out_warning(tool_ids: Sequence[str]) -> tuple[str, ...]:
 
 
 def _consulted(lake: Lake, campaign_ids: set[str]) -> dict[str, SimulatorVersion]:
-    """The simulator in the config of each campaign that has one, oldest first."""
+    """Return the simulator in the config of each campaign that has one, oldest first."""
     return {name: config.simulator.version for name, config in _stored_configs(lake, campaign_ids).items()}
 
 
 def _stored_configs(lake: Lake, campaign_ids: set[str]) -> dict[str, CampaignConfig]:
-    """The config of each campaign that has one, oldest first; imported ones have none."""
+    """Return the config of each campaign that has one, oldest first; imported ones have none."""
     rows = [row for row in lake.records(CampaignRow) if row.campaign_id in campaign_ids]
     configured = [row for row in rows if not is_imported(row.config_toml)]
     return {row.campaign_id: read_stored_config(row.config_toml, row.campaign_id) for row in configured}
 
 
 def _drawn_versions(lake: Lake, base: SimulatorVersion) -> dict[str, SimulatorVersion]:
-    """Simulator versions whose theta was drawn for a calibration: of no belief, no grid of traces, no bank of a gap."""
+    """Return simulator versions with a theta drawn for a calibration: of no belief, trace grid or bank of a gap."""
     believed = [base, *_consulted(lake, {row.campaign_id for row in lake.records(CampaignRow)}).values()]
     calibrated = {row.version_id for row in lake.records(CalibrationRow)}
     rows = lake.records(SimulatorVersionRow, tier=base.tier)
@@ -374,7 +374,7 @@ def _drawn_versions(lake: Lake, base: SimulatorVersion) -> dict[str, SimulatorVe
 
 
 def _imported_thetas(lake: Lake) -> dict[str, Theta]:
-    """Thetas of imported simulations, by version; of those that told all three."""
+    """Return the thetas of imported simulations, by version; of those that told all three."""
     rows = lake.rows(SimulatorVersionRow, tier="imported")
     told = {row["version_id"]: {name: row[name] for name in Theta.model_fields} for row in rows}
     return {

@@ -121,7 +121,7 @@ def compare_means(
     seed: int,
     print_scatter: float = 0.0,
 ) -> MeanData:
-    """What a calibration compares, of what was measured and simulated; `seed` draws the held-out designs.
+    """Gather what a calibration compares, of what was measured and simulated; `seed` draws the held-out designs.
 
     Raises:
         UsageError: there is too little to learn from, or the forces are not in N.
@@ -161,7 +161,7 @@ def check_first(lake: Lake, base: SimulatorVersion, measured: MeasuredTools, see
 
 
 def _check_unit(problem: CalibrationProblem, base: SimulatorVersion) -> list[str]:
-    """What Young's modulus with which simulated means are as large as the measured ones says about their unit.
+    """Tell what Young's modulus with which simulated means are as large as the measured ones says about their unit.
 
     By medians, of simulations whose friction is near that of `base` if there are any.
 
@@ -179,7 +179,7 @@ def _check_unit(problem: CalibrationProblem, base: SimulatorVersion) -> list[str
 
 
 def regather(lake: Lake, calibration_id: str) -> MeanData | None:
-    """What a stored calibration compared, whatever the lake has learned since; None where it cannot be found again."""
+    """Gather what a stored calibration compared, whatever the lake learned since; None where it is not found again."""
     rows = lake.rows(CalibrationRow, calibration_id=calibration_id)
     if not rows or rows[-1]["data"] != MeanData.kind:
         return None
@@ -196,7 +196,7 @@ def regather(lake: Lake, calibration_id: str) -> MeanData | None:
 
 
 def _held_out_columns(data: MeanData, result: CalibrationResult, version: SimulatorVersion | None) -> dict[str, Any]:
-    """How well the simulator predicts the held-out designs, by the emulator: means over draws, as on the page."""
+    """Tell how well the simulator predicts the held-out designs, by the emulator: means over draws, as on the page."""
     if version is None or not data.held_out.any():
         return {"n_held_out": int(data.held_out.sum())}
     x, y = data.problem.x_real[data.held_out], data.problem.y_real[data.held_out]
@@ -206,7 +206,7 @@ def _held_out_columns(data: MeanData, result: CalibrationResult, version: Simula
 
 
 def _make_held_out_columns(before: Score, after: Score, n: int, by: str) -> dict[str, Any]:
-    """Columns of `calibrations` about the held-out designs."""
+    """Make the columns of `calibrations` about the held-out designs."""
     return {
         "correlation_before": before.correlation,
         "correlation_after": after.correlation,
@@ -218,7 +218,7 @@ def _make_held_out_columns(before: Score, after: Score, n: int, by: str) -> dict
 
 
 def plan_verification(lake: Lake, data: MeanData, row: CalibrationRow) -> SimulationPlan | None:
-    """The held-out designs, as they were asked for, with both versions; None where there is nothing to verify."""
+    """Plan the held-out designs as they were asked for, with both versions; None where there is nothing to verify."""
     if row.version_id is None or not data.held_out.any():
         return None
     designs = {d.design_id: d for d, is_out in zip(data.measured.designs, data.held_out, strict=True) if is_out}
@@ -248,7 +248,7 @@ def verify(lake: Lake, data: MeanData, row: CalibrationRow, plan: SimulationPlan
 
 
 def _score(lake: Lake, data: MeanData, plan: SimulationPlan, version_id: str) -> Score | None:
-    """None when every simulation failed."""
+    """Score the held-out designs with a version; None when every simulation failed."""
     place = {object_id: i for i, object_id in enumerate(plan.object_ids)}
     forces: dict[str, np.ndarray] = {}
     sql = """SELECT design_id, object_id, peak_force_n FROM simulations

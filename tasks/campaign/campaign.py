@@ -61,7 +61,7 @@ class Campaign:
         return tuple(older)
 
     def force_ratios(self, version: SimulatorVersion) -> dict[str, float]:
-        """By id, versions of the campaign with exactly the results of `version`, and what forces are multiplied with.
+        """Return versions, by id, of the campaign with exactly the results of `version`, and the factors of forces.
 
         `version` itself comes last.
         """
@@ -95,17 +95,17 @@ class Campaign:
         return self.lake.root / "outputs" / self.campaign_id
 
     def state(self) -> CampaignState:
-        """Where the campaign stands now, from the lake."""
+        """Return where the campaign stands now, from the lake."""
         present = frozenset(self.force_ratios(self.version))
         older = frozenset(v.version_id for v in (*self.earlier_codes, *self.versions)) - present
         return derive_state(self.lake, self.campaign_id, self.config.grasp.setup_id, present, older)
 
     def seed(self, *parts: str | int) -> int:
-        """A random seed for one decision, the same whenever it is taken again, and in every lab with this config."""
+        """Return a random seed for one decision, the same whenever it is taken again, in every lab with this config."""
         return seed_from(self.config.seed, self.config.name, *parts)
 
     def provenance(self, seed: int = 0, parents: Sequence[str] = ()) -> Provenance:
-        """Provenance of rows written for this campaign."""
+        """Return the provenance of rows written for this campaign."""
         return current_provenance(self.config.config_hash, seed, parents)
 
 
@@ -114,7 +114,7 @@ def _is_other_code(one: SimulatorVersion, other: SimulatorVersion) -> bool:
 
 
 def read_own_designs(config_path: Path, config: CampaignConfig) -> Mapping[int, tuple[OwnDesign, ...]]:
-    """The reference finger of a config and the designs of the file that it names, by batch.
+    """Read the reference finger of a config and the designs of the file that it names, by batch.
 
     Raises:
         UsageError: the file cannot be used, or a design can neither be printed nor placed.
@@ -127,6 +127,6 @@ def read_own_designs(config_path: Path, config: CampaignConfig) -> Mapping[int, 
 
 
 def stored_provenance(lake: Lake, campaign_id: str, parents: Sequence[str] = ()) -> Provenance:
-    """Provenance of rows about a campaign from a person, who has no config at hand: with the one in the lake."""
+    """Return provenance of rows about a campaign from a person, who has no config at hand: with the one in the lake."""
     stored = lake.rows(CampaignRow, campaign_id=campaign_id)
     return current_provenance(stored[-1]["config_hash"] if stored else "", parents=parents)

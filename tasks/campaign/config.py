@@ -216,7 +216,7 @@ def load_config(path: Path) -> CampaignConfig:
 
 
 def read_stored_config(config_toml: str, campaign_id: str) -> CampaignConfig:
-    """The config that a lake keeps of a campaign, without keys that are gone since it was written.
+    """Read the config that a lake keeps of a campaign, without keys that are gone since it was written.
 
     Raises:
         ConfigError: a newer program wrote it.
@@ -225,7 +225,7 @@ def read_stored_config(config_toml: str, campaign_id: str) -> CampaignConfig:
 
 
 def with_own_objects(config: CampaignConfig, path: Path) -> CampaignConfig:
-    """The config with the numbers of the objects that its `objects.files` hold, which this process then knows.
+    """Return the config with the numbers of the objects that its `objects.files` hold, which this process then knows.
 
     Raises:
         ConfigError: a file cannot be used, two hold the same object, or one is not what the config says it was.
@@ -247,7 +247,7 @@ def with_own_objects(config: CampaignConfig, path: Path) -> CampaignConfig:
 
 
 def read_recipe(section: dict[str, Any], path: Path) -> dict[str, Any]:
-    """The section `[print]` of a config, filled up with the recipe file that it may name; the section goes first.
+    """Read the section `[print]` of a config, filled up with the recipe file that it may name; the section goes first.
 
     Raises:
         ConfigError: the file is missing, is not TOML, or names a file itself.
@@ -282,7 +282,7 @@ def read_lot(path: Path) -> MaterialLot:
 
 
 def world_path(config_path: Path, config: CampaignConfig) -> Path:
-    """The world file of a config.
+    """Return the world file of a config.
 
     Raises:
         ConfigError: its bench is one's own, which has none.
@@ -295,7 +295,7 @@ def world_path(config_path: Path, config: CampaignConfig) -> Path:
 
 
 def relative_to(config_path: Path, name: str) -> Path:
-    """A file named in a config, relative to the config's own folder."""
+    """Return a file named in a config, relative to the config's own folder."""
     return (config_path.parent / name).resolve()
 
 
@@ -317,7 +317,7 @@ def _cause(error: OSError | UnicodeDecodeError) -> str:
 
 
 def differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
-    """`section.key old -> new` for every value in which two configs differ.
+    """Return `section.key old -> new` for every value in which two configs differ.
 
     A file is the same where one path ends as the other does, as `../worlds/a.toml` and `/lab/worlds/a.toml` do: which
     folder a path of the lake is relative to is not kept.
@@ -332,7 +332,7 @@ def differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
 
 
 def _may_be_same_file(one: str | None, other: str | None) -> bool:
-    """Whether two paths, without their steps up, end the same as far as the shorter goes."""
+    """Return whether two paths, without their steps up, end the same as far as the shorter goes."""
     if one is None or other is None:
         return False
     parts = [[part for part in Path(name).parts if part != ".."] for name in (one, other)]

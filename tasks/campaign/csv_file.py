@@ -20,7 +20,7 @@ class CsvRow(dict[str, str]):
         self.decimal = decimal
 
     def number(self, column: str, limit: str = "it must be a finite number") -> float:
-        """The finite number of a cell; `limit` is what an error says that it must be.
+        """Return the finite number of a cell; `limit` is what an error says that it must be.
 
         Raises:
             UsageError: it is none.
@@ -32,7 +32,7 @@ class CsvRow(dict[str, str]):
         return value
 
     def integer(self, column: str) -> int:
-        """The whole number of a cell; spreadsheets write 3 as 3.0.
+        """Return the whole number of a cell; spreadsheets write 3 as 3.0.
 
         Raises:
             UsageError: it is none.
@@ -43,7 +43,7 @@ class CsvRow(dict[str, str]):
         return int(value)
 
     def wrong(self, column: str, limit: str) -> UsageError:
-        """The error for a cell that cannot be used."""
+        """Return the error for a cell that cannot be used."""
         return UsageError(
             f"{self.place}: {column} is `{self.get(column, '')}`, {limit}; nothing was written: correct it."
         )
@@ -56,7 +56,7 @@ def read_rows(
     ignored: list[str] | None = None,
     most_rows: int = _MOST_ROWS,
 ) -> list[CsvRow]:
-    """Rows of a CSV file as `read_csv` reads it; one sentence for what is wrong first.
+    """Read the rows of a CSV file as `read_csv` reads it; one sentence for what is wrong first.
 
     ignored: a list that takes columns that nobody knows; None refuses them.
 

@@ -49,7 +49,7 @@ class Part(Record):
         return self.object_id if self.slot is None else None
 
     def has(self, slot: int, grasp: tuple[int, int]) -> bool:
-        """Whether a grasp of (object, repeat) with the tool of a slot is part of it."""
+        """Return whether a grasp of (object, repeat) with the tool of a slot is part of it."""
         return all(mine in (None, other) for mine, other in zip(self.key, (slot, *grasp), strict=True))
 
     @property
@@ -83,7 +83,7 @@ class LeftOuts:
     _valid: dict[int, list[LeftOut]] = field(default_factory=dict, compare=False, repr=False)
 
     def valid(self, batch: int) -> list[LeftOut]:
-        """Words by which something is left out in a batch: the last of each part."""
+        """Return the words by which something is left out in a batch: the last of each part."""
         if batch not in self._valid:
             last: dict[tuple[int | None, ...], LeftOut] = {}
             for word in self.words:
@@ -94,23 +94,23 @@ class LeftOuts:
         return self._valid[batch]
 
     def covers(self, batch: int, slot: int, grasp: tuple[int, int]) -> bool:
-        """Whether no grasp of (object, repeat) is begun with the tool of a slot in a batch."""
+        """Return whether no grasp of (object, repeat) is begun with the tool of a slot in a batch."""
         return any(word.part.has(slot, grasp) for word in self.valid(batch))
 
     def has_tool(self, batch: int, slot: int) -> bool:
-        """Whether a tool is left out."""
+        """Return whether a tool is left out."""
         return any(word.part.key == (slot, None, None) for word in self.valid(batch))
 
     def is_ended(self, batch: int) -> bool:
-        """Whether the rest of a batch is left out."""
+        """Return whether the rest of a batch is left out."""
         return any(word.part.key == (None, None, None) for word in self.valid(batch))
 
     def objects(self, batch: int) -> set[int]:
-        """Objects that are left out in a batch, whatever the tool."""
+        """Return the objects that are left out in a batch, whatever the tool."""
         return {object_id for word in self.valid(batch) if (object_id := word.part.of_all_tools) is not None}
 
 
 def read_left_out(lake: Lake, campaign_id: str) -> LeftOuts:
-    """What people have left out of a campaign, and put back."""
+    """Read what people have left out of a campaign, and put back."""
     found: Iterable[str] = lake.query(_WORDS, {"campaign": campaign_id})["payload_json"].to_pylist()
     return LeftOuts(tuple(LeftOut.model_validate_json(text) for text in found))

@@ -68,14 +68,14 @@ def _ask_about(lake: Lake, name: str, lot: MaterialLot, new: Sequence[str]) -> l
 
 
 def name_campaign_lot(config_toml: str) -> str:
-    """The lot that a stored config names; empty for none, and for an imported campaign."""
+    """Return the lot that a stored config names; empty for none, and for an imported campaign."""
     if is_imported(config_toml):
         return ""
     return Path(tomllib.loads(config_toml).get("material", "")).stem
 
 
 def read_stored_recipe(config_toml: str) -> Recipe | None:
-    """The recipe of a stored config; None for none, and for an imported campaign."""
+    """Read the recipe of a stored config; None for none, and for an imported campaign."""
     if is_imported(config_toml):
         return None
     told = tomllib.loads(config_toml).get("print")
@@ -83,7 +83,7 @@ def read_stored_recipe(config_toml: str) -> Recipe | None:
 
 
 def find_lot(lake: Lake, asked: str | None, campaign_ids: Collection[str]) -> StoredLot | None:
-    """The lot that was asked for, else the one that these campaigns name; None for the priors of Table 3.
+    """Find the lot that was asked for, else the one that these campaigns name; None for the priors of Table 3.
 
     `asked` is the name of a lot in the lake, the path of a lot's file, which is then stored, or `none`.
 

@@ -76,19 +76,19 @@ class Night(Record):
 
 
 def find_night(campaign: Campaign, stage: int) -> Night | None:
-    """The night before a stage, if it has ended."""
+    """Find the night before a stage, if it has ended."""
     nights = read_nights(campaign.lake, campaign.campaign_id)
     return next((night for night in nights if night.stage == stage), None)
 
 
 def read_nights(lake: Lake, campaign_id: str) -> list[Night]:
-    """The nights of a campaign that have ended, in order."""
+    """Read the nights of a campaign that have ended, in order."""
     nights = [Night.model_validate(row.payload) for row in lake.records(EventRow, campaign_id=campaign_id, kind=KIND)]
     return sorted(nights, key=lambda night: night.stage)
 
 
 def read_verdicts(lake: Lake, campaign_id: str) -> list[Verdict]:
-    """What the searches of a campaign, or of the whole lake, said of the simulators that they ended with, in order."""
+    """Read what searches of a campaign, or of the whole lake, said of the simulators they ended with, in order."""
     rows = [row for row in lake.records(EventRow, kind=GAP_ENDED) if row.campaign_id in ("", campaign_id)]
     verdicts = [GapRun.model_validate(row.payload).findings.verdict for row in rows]
     return [verdict for verdict in verdicts if verdict is not None]
@@ -110,7 +110,7 @@ def end_night(campaign: Campaign, old: SimulatorVersion, stage: int) -> Night:
 
 
 def count_worker_seconds(campaign: Campaign, stage: int) -> float:
-    """What the simulations of the night before a stage have taken so far, summed over the workers, in seconds."""
+    """Count what the simulations of the night before a stage took so far, summed over the workers, in seconds."""
     decision = find_decision(campaign, stage)
     if decision is None:
         return 0.0
@@ -140,7 +140,7 @@ def _sum_up(campaign: Campaign, old: SimulatorVersion, stage: int) -> Night:
 
 
 def _compare_ranks(campaign: Campaign, old: SimulatorVersion) -> tuple[int, float | None, float | None]:
-    """How many measured tools both versions have simulated, and the rank correlation of each with what was measured."""
+    """Count measured tools both versions simulated, and compute each one's rank correlation with what was measured."""
     state = campaign.state()
     measured = means_of_tools(campaign, state)
     design_of = {tool.tool_id: tool.design for tool in state.tools}
@@ -166,13 +166,13 @@ def _rank(simulated: np.ndarray, measured: np.ndarray) -> float | None:
 
 
 def _find_verdict(campaign: Campaign, old: SimulatorVersion, new: SimulatorVersion) -> Verdict | None:
-    """How the newest search that did has compared two versions; None if none has."""
+    """Find how the newest search that did has compared two versions; None if none has."""
     wanted, found = (old.version_id, new.version_id), read_verdicts(campaign.lake, campaign.campaign_id)
     return next((v for v in reversed(found) if (v.present_version_id, v.version_id) == wanted), None)
 
 
 def _describe_change(old: SimulatorVersion, new: SimulatorVersion) -> str:
-    """What a version has that the former did not, in words."""
+    """Describe what a version has that the former did not, in words."""
     from fast.models.simulation.effects.catalogue import CATALOGUE
 
     before, after = ({value.effect: value for value in version.effects} for version in (old, new))

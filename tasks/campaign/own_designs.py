@@ -38,7 +38,7 @@ class OwnDesign:
 
 
 def list_references(schedule: Schedule, family: type[Design]) -> list[OwnDesign]:
-    """The reference finger that the config asks for, which the first batch prints; none where it asks for none.
+    """List the reference finger that the config asks for, which the first batch prints; none where it asks for none.
 
     Raises:
         UsageError: the family cannot draw it.
@@ -50,7 +50,7 @@ def list_references(schedule: Schedule, family: type[Design]) -> list[OwnDesign]
 
 
 def read_designs(path: Path, rules: PrintingRules | None = None, family: type[Design] = FinRay) -> list[OwnDesign]:
-    """Designs of a CSV file with the parameters of their family, and optionally `name` and `batch`.
+    """Read designs of a CSV file with the parameters of their family, and optionally `name` and `batch`.
 
     rules: of printing, that each must keep; None checks none.
 
@@ -86,7 +86,7 @@ def _read(row: CsvRow, number: int, rules: PrintingRules | None, family: type[De
 
 
 def place_designs(designs: Sequence[OwnDesign], schedule: Schedule) -> Mapping[int, tuple[OwnDesign, ...]]:
-    """Designs by the batch in which they are printed: the one that they name, else the first initial one with room.
+    """Place designs by the batch that prints them: the one that they name, else the first initial one with room.
 
     Raises:
         UsageError: a batch is not in the schedule, or has fewer tools than designs of the file.

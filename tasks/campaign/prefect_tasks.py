@@ -40,23 +40,23 @@ class Prompt(Protocol):
     """Asks a person for one thing until it is done."""
 
     def ask(self) -> None:
-        """It has to be done now."""
+        """Ask for what has to be done now."""
 
     def remind(self) -> None:
-        """Called again and again until it is."""
+        """Remind of it; called again and again until it is done."""
 
     def close(self) -> None:
-        """It is done."""
+        """Close the prompt: it is done."""
 
 
 class Prompts(Protocol):
     """What a campaign can ask of people at the gantry."""
 
     def to_print(self, batch: int, sheet: Path) -> Prompt:
-        """A batch is to be printed and mounted."""
+        """Ask that a batch be printed and mounted."""
 
     def to_mount(self, search_id: str, slots: Mapping[str, int]) -> Prompt:
-        """Kept tools are to be mounted again; `slots`: of the rack, by tool."""
+        """Ask that kept tools be mounted again; `slots`: of the rack, by tool."""
 
 
 def unmapped(value: T) -> T:
@@ -186,7 +186,7 @@ class PlaceInName:
         return f"{self._label}, object {len({object_id for object_id, _ in self._done})} of {self._n_objects}"
 
     def count(self, grasp: MeasuredGrasp) -> None:
-        """A grasp was made, whatever came of it; the name follows now and then, and at the end."""
+        """Count a grasp that was made, whatever came of it; the name follows now and then, and at the end."""
         self._done.add((grasp.object_id, grasp.repeat))
         is_last = len(self._done) >= self._n_grasps
         if not is_last and time.monotonic() - self._renamed_s < INTERVAL_S:

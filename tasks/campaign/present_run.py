@@ -38,7 +38,7 @@ class PresentRun:
 
 
 def read_present_run(lake: Lake, campaign_id: str) -> PresentRun:
-    """Whether a campaign runs, and what was asked of it."""
+    """Read whether a campaign runs, and what was asked of it."""
     return PresentRun(holder_of(lake.storage, lease_name(campaign_id)), requested_verb(lake, campaign_id))
 
 

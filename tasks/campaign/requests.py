@@ -50,12 +50,12 @@ def append_request(lake: Lake, campaign_id: str, verb: Verb, message: str) -> No
 
 
 def lease_name(campaign_id: str) -> str:
-    """What a process owns in the lake while it runs the campaign."""
+    """Return what a process owns in the lake while it runs the campaign."""
     return f"campaign-{campaign_id}"
 
 
 def requested_verb(lake: Lake, campaign_id: str) -> Verb | None:
-    """The latest verb for the last run of the campaign, if any; the bench itself notes an e-stop."""
+    """Return the latest verb for the last run of the campaign, if any; the bench itself notes an e-stop."""
     found = lake.query(_LATEST, {"campaign": campaign_id, "verbs": [*map(str, Verb)]})["kind"].to_pylist()
     return Verb(found[0]) if found else None
 
@@ -69,7 +69,7 @@ class Requests:
         self._verb: Verb | None = None
 
     def verb(self) -> Verb | None:
-        """The latest verb since the campaign was last started, if any."""
+        """Return the latest verb since the campaign was last started, if any."""
         mark = self._lake.mark(EventRow)
         if mark != self._mark:
             self._verb = requested_verb(self._lake, self._campaign_id)
@@ -78,7 +78,7 @@ class Requests:
 
 
 def require_acknowledgement(lake: Lake, campaign_id: str, is_acknowledged: bool) -> None:
-    """A campaign that an emergency stop ended goes on only after a person has acknowledged it.
+    """Let a campaign that an emergency stop ended go on only after a person has acknowledged it.
 
     Raises:
         FastError: nobody has.
@@ -92,7 +92,7 @@ def require_acknowledgement(lake: Lake, campaign_id: str, is_acknowledged: bool)
 
 @contextmanager
 def note_verbs(lake: Lake, campaign_id: str) -> Iterator[None]:
-    """Bench work: a person's stop or abort is a normal end, an emergency stop is noted before it goes up."""
+    """Run bench work: a person's stop or abort is a normal end, an emergency stop is noted before it goes up."""
     try:
         yield
     except StopAskedError as asked:
@@ -103,7 +103,7 @@ def note_verbs(lake: Lake, campaign_id: str) -> Iterator[None]:
 
 
 def require_room(lake: Lake) -> None:
-    """Asked before each grasp, so that none is made that cannot be kept.
+    """Require room before each grasp, so that none is made that cannot be kept.
 
     Raises:
         LakeError: less than `LEAST_FREE_MB` are left on the disk of the lake.
@@ -119,5 +119,5 @@ def require_room(lake: Lake) -> None:
 
 
 def bench_log_folder(lake: Lake) -> Path:
-    """Where the wire logs of benches go that work for this lake."""
+    """Return where the wire logs of benches go that work for this lake."""
     return lake.root / ".state" / FOLDER_NAME

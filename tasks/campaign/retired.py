@@ -21,7 +21,7 @@ RETIRED: Mapping[str, str] = {
 
 
 def refuse_retired(data: Mapping[str, Any], source: str) -> None:
-    """Raises ConfigError where a config file has a key that is gone; `source` names the file."""
+    """Raise ConfigError where a config file has a key that is gone; `source` names the file."""
     for path, instead in RETIRED.items():
         section, _, key = path.partition(".")
         if section in data and (not key or _has(data[section], key)):
@@ -29,7 +29,7 @@ def refuse_retired(data: Mapping[str, Any], source: str) -> None:
 
 
 def drop_retired(data: Mapping[str, Any]) -> dict[str, Any]:
-    """The config of a lake without the keys that are gone; one that followed calibrations has nights instead."""
+    """Return a lake's config without the keys that are gone; one that followed calibrations has nights instead."""
     kept = {section: values for section, values in data.items() if section not in RETIRED}
     simulator = kept.get("simulator", {})
     if simulator.get("follow") == "latest" and "night" not in kept:

@@ -93,7 +93,7 @@ class ObjectPlan(Record):
         return tuple(zip(self.own_ids, self.places or free, strict=False))
 
     def stand_on(self, layout: BenchLayout) -> BenchLayout:
-        """A layout with the own objects on their places."""
+        """Return a layout with the own objects on their places."""
         return layout.model_copy(update={"own_objects": (*layout.own_objects, *self.own_places)})
 
     @property
@@ -107,11 +107,11 @@ class ObjectPlan(Record):
         return self.n_grasps_without(())
 
     def n_grasps_without(self, left_out: Collection[int]) -> int:
-        """Grasps of one tool where these objects are left out."""
+        """Count the grasps of one tool where these objects are left out."""
         return sum(object_id not in left_out for object_id in self.object_ids) * self.repeats
 
     def list_grasps(self, seed: int) -> list[tuple[int, int]]:
-        """(object id, repeat) in the order of measurement.
+        """Return (object id, repeat) in the order of measurement.
 
         A fixed order aliases the object with the number of grasps a tool has made; a random one, drawn from `seed`
         (for each pass, when interleaved), breaks that and costs travel (`fast gantry plan`).
@@ -349,18 +349,18 @@ class Schedule(Record):
         return 1 + self.guided_batches
 
     def batches_of(self, stage: int) -> list[int]:
-        """Batch numbers (from 1) printed and measured in a stage (from 0)."""
+        """Return the batch numbers (from 1) printed and measured in a stage (from 0)."""
         first = self.n_initial_batches
         return list(range(1, first + 1)) if stage == 0 else [first + stage]
 
     def tools_of(self, batch: int) -> int:
-        """How many tools a batch holds; the last initial tray may be partly filled."""
+        """Return how many tools a batch holds; the last initial tray may be partly filled."""
         if batch != self.n_initial_batches:
             return self.tools_per_batch
         return self.initial_tools - (self.n_initial_batches - 1) * self.tools_per_batch
 
     def simulations_of(self, stage: int) -> int:
-        """Designs simulated while the tools of a stage are printed and measured."""
+        """Return how many designs are simulated while the tools of a stage are printed and measured."""
         return self.initial_simulations if stage == 0 else self.simulations_per_batch
 
 

@@ -154,7 +154,7 @@ def enter(campaign: Campaign, config_path: Path) -> None:
 
 
 def is_known(lake: Lake, config: CampaignConfig) -> bool:
-    """Whether the lake has the campaign of a config, started with this very config.
+    """Return whether the lake has the campaign of a config, started with this very config.
 
     Raises:
         ConfigError: it has one of this name with another config.
@@ -182,7 +182,7 @@ def is_known(lake: Lake, config: CampaignConfig) -> bool:
 
 
 def _is_adopted(known: Sequence[Mapping[str, Any]]) -> bool:
-    """Whether the rows of a campaign say that another lab's is continued here."""
+    """Return whether the rows of a campaign say that another lab's is continued here."""
     return bool(known) and is_imported(known[-1]["config_toml"])
 
 
@@ -214,7 +214,7 @@ def register(campaign: Campaign, config_toml: str) -> None:
 
 
 def _with_file_ids(config_toml: str, file_ids: dict[str, int]) -> str:
-    """The text of a config with the numbers of its own objects, which outlive their files.
+    """Return the text of a config with the numbers of its own objects, which outlive their files.
 
     Raises:
         ConfigError: the text has no place for them.
@@ -231,7 +231,7 @@ def _with_file_ids(config_toml: str, file_ids: dict[str, int]) -> str:
 
 
 def _with_recipe(config_toml: str, recipe: Recipe | None) -> str:
-    """The text of a config with all of its recipe, which outlives the recipe's file.
+    """Return the text of a config with all of its recipe, which outlives the recipe's file.
 
     Raises:
         ConfigError: the text has no place for it.
@@ -259,7 +259,7 @@ def _with_recipe(config_toml: str, recipe: Recipe | None) -> str:
 
 
 def _proposals_of_imported(campaign: Campaign) -> list[Row]:
-    """Imported tools as tools of the campaign: its first batches, which are measured and stay with their lab."""
+    """Return imported tools as tools of the campaign: its first batches, measured, which stay with their lab."""
     tools = sorted(campaign.lake.records(ToolRow, campaign_id=campaign.campaign_id), key=lambda t: (t.batch, t.slot))
     return [
         ProposalRow(
@@ -280,7 +280,7 @@ def _proposals_of_imported(campaign: Campaign) -> list[Row]:
 
 
 def _check_own_designs(campaign: Campaign) -> None:
-    """Raises ConfigError where the file of designs has other ones for a batch than those that were proposed."""
+    """Raise ConfigError where the file of designs has other ones for a batch than those that were proposed."""
     rows = campaign.lake.rows(ProposalRow, campaign_id=campaign.campaign_id, fidelity="real")
     found: dict[int, list[tuple[int, str]]] = defaultdict(list)
     for row in rows:

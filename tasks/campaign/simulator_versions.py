@@ -33,7 +33,7 @@ class StageVersion(NamedTuple):
 
 
 def at_stage(campaign: Campaign, stage: int) -> Campaign:
-    """The campaign with the simulator version of a stage, which is decided now unless it has been before."""
+    """Return the campaign with the simulator version of a stage; decide it now unless it has been before."""
     if not campaign.config.night.active:
         return campaign
     decided = _decisions(campaign)
@@ -44,17 +44,17 @@ def at_stage(campaign: Campaign, stage: int) -> Campaign:
 
 
 def at_present(campaign: Campaign) -> Campaign:
-    """The campaign with the simulator version of its last stage so far."""
+    """Return the campaign with the simulator version of its last stage so far."""
     return _with_versions(campaign, _decisions(campaign)) if campaign.config.night.active else campaign
 
 
 def find_decision(campaign: Campaign, stage: int) -> StageVersion | None:
-    """What was decided for a stage, if anything was."""
+    """Find what was decided for a stage, if anything was."""
     return next((decision for decision in _decisions(campaign) if decision.stage == stage), None)
 
 
 def list_reruns(campaign: Campaign, stage: int) -> list[Design]:
-    """Designs that a stage simulates again because its simulator version is new, in order."""
+    """List the designs that a stage simulates again because its simulator version is new, in order."""
     if not campaign.config.night.active:
         return []
     decision = find_decision(campaign, stage)
@@ -89,7 +89,7 @@ def note_older_simulations(campaign: Campaign, batch: int) -> None:
 
 
 def newest_calibrated(lake: Lake, base_version_id: str, campaign_id: str) -> tuple[SimulatorVersion, str] | None:
-    """The newest version that calibrations made from the base version, or from one made from it, and its calibration.
+    """Return the newest version that calibrations made from the base version or one made from it, and its calibration.
 
     Counted are calibrations with the measurements of this campaign or of the whole lake: another campaign's may have
     been on another bench. Effects that gap discovery has added stay: a later calibration of theta alone, of a simulator
@@ -149,7 +149,7 @@ def _with_versions(campaign: Campaign, decided: list[StageVersion]) -> Campaign:
 
 
 def _decisions(campaign: Campaign) -> list[StageVersion]:
-    """What was decided so far, by stage."""
+    """Return what was decided so far, by stage."""
     rows = campaign.lake.records(EventRow, campaign_id=campaign.campaign_id, kind=KIND)
     payloads = [row.payload for row in rows]
     return sorted(
@@ -158,7 +158,7 @@ def _decisions(campaign: Campaign) -> list[StageVersion]:
 
 
 def count_seconds(campaign: Campaign, version: SimulatorVersion, design_ids: Sequence[str]) -> float:
-    """What simulations of designs with a version have taken, summed over the workers, in seconds."""
+    """Count what simulations of designs with a version have taken, summed over the workers, in seconds."""
     if not design_ids:
         return 0.0
     names = {"version": version.version_id, "setup": campaign.config.grasp.setup_id, "designs": list(design_ids)}
@@ -174,7 +174,7 @@ def _append_event(
     payload: dict[str, object],
     parents: list[str] | None = None,
 ) -> None:
-    """An event that is itself however often it is written."""
+    """Append an event that is itself however often it is written."""
     name = campaign.campaign_id
     row = EventRow.of([name, kind, *key], kind, message, payload, name)
     campaign.lake.append([row], campaign.provenance(parents=parents or []))

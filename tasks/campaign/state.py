@@ -39,7 +39,7 @@ class ProposedTool:
         return self.slot if self.hangs_in is None else self.hangs_in
 
     def mounted_point(self, space: DesignSpace) -> np.ndarray:
-        """The finger as printed, d unit-cube coordinates; a thickness out of range leaves the cube."""
+        """Return the finger as printed, d unit-cube coordinates; a thickness out of range leaves the cube."""
         point = space.to_unit([self.design])[0]
         for name, value_mm in self.measured_mm.items():
             if name in space.names:
@@ -95,30 +95,30 @@ class CampaignState:
     """What people leave out of the plan."""
 
     def tools_of(self, batch: int) -> list[ProposedTool]:
-        """The proposed tools of a batch, by slot."""
+        """Return the proposed tools of a batch, by slot."""
         return sorted((t for t in self.tools if t.batch == batch), key=lambda t: t.slot)
 
     def simulations_of(self, batch: int) -> list[ProposedSimulation]:
-        """The simulations proposed in the stage that ends with `batch`, in order."""
+        """Return the simulations proposed in the stage that ends with `batch`, in order."""
         return sorted((s for s in self.simulations if s.batch == batch), key=lambda s: s.index)
 
     def is_confirmed(self, batch: int) -> bool:
-        """True when a person (or `--auto-print`) has said what became of every tool of the batch."""
+        """Return True when a person (or `--auto-print`) has said what became of every tool of the batch."""
         tools = self.tools_of(batch)
         return bool(tools) and all(t.tool_id in self.confirmed for t in tools)
 
     def next_attempt(self, tool_id: str, grasp: PlannedGrasp) -> int:
-        """Number of the next attempt at a grasp: that of a good one without trace, which it replaces, or a new one."""
+        """Return a grasp's next attempt number: that of a good one without trace, which it replaces, or a new one."""
         return self.next_attempts.get((tool_id, grasp), 0)
 
     def is_to_be_had(self, tool: ProposedTool) -> bool:
-        """Whether a tool was printed here, nobody left it out, and no later batch has its slot on a real rack."""
+        """Return whether a tool was printed here and not left out, and no later batch has its slot on a real rack."""
         is_here = tool.batch not in self.imported and tool.batch >= self.batch_on_rack
         is_in = is_here and not self.left_out.has_tool(tool.batch, tool.slot)
         return is_in and self.confirmed.get(tool.tool_id) == "printed"
 
     def missing_grasps(self, tool: ProposedTool, plan: Iterable[PlannedGrasp], max_attempts: int) -> list[PlannedGrasp]:
-        """Grasps still to be made, in the order of the plan: not measured, or measured and the trace is lost.
+        """Return grasps still to be made, in the order of the plan: not measured, or measured and the trace is lost.
 
         A grasp is given up after `max_attempts` failures of its own; one that was cut short by a fault of the bench is
         not held against it. None for a rejected tool, for what a person left out, and for a tool of a batch that a real
@@ -127,18 +127,18 @@ class CampaignState:
         return self.owed_grasps(tool, plan, max_attempts) if self.is_to_be_had(tool) else []
 
     def owed_grasps(self, tool: ProposedTool, plan: Iterable[PlannedGrasp], max_attempts: int) -> list[PlannedGrasp]:
-        """The same, whether or not the tool is printed yet."""
+        """Return the same, whether or not the tool is printed yet."""
         done = self.measured.get(tool.tool_id, set())
         owed = [c for c in plan if c not in done and self.failures.get((tool.tool_id, c), 0) < max_attempts]
         return [c for c in owed if not self.left_out.covers(tool.batch, tool.slot, c)]
 
     def missing_objects(self, design_id: str, object_ids: Sequence[int]) -> list[int]:
-        """Objects on which a design has not been simulated yet."""
+        """Return the objects on which a design has not been simulated yet."""
         done = self.simulated.get(design_id, set())
         return [o for o in object_ids if o not in done]
 
     def ever_simulated(self, design_id: str) -> set[int]:
-        """Objects on which a design has been simulated by any of the campaign's simulator versions."""
+        """Return the objects on which a design has been simulated by any of the campaign's simulator versions."""
         return self.simulated.get(design_id, set()) | self.simulated_before.get(design_id, set())
 
 
@@ -184,7 +184,7 @@ ORDER BY n_objects = max(n_objects) OVER () DESC, tool_quality_n DESC
 def derive_state(
     lake: Lake, campaign_id: str, setup_id: str, version_ids: Collection[str], older_ids: Collection[str] = ()
 ) -> CampaignState:
-    """The state of a campaign from the rows of its lake as they are now.
+    """Derive the state of a campaign from the rows of its lake as they are now.
 
     Simulations count with this setup and a version of `version_ids`; those of `older_ids` did.
 
@@ -200,7 +200,7 @@ def derive_state(
 
 
 def _read_plans(lake: Lake, campaign_id: str) -> dict[str, Any]:
-    """What the scientist proposed, and what became of the printed tools."""
+    """Read what the scientist proposed, and what became of the printed tools."""
     printed = {(batch, slot): said for batch, slot, *said in tuples(lake, _TOOLS, campaign=campaign_id)}
     tools: list[ProposedTool] = []
     simulations: list[ProposedSimulation] = []
@@ -230,7 +230,7 @@ def _read_plans(lake: Lake, campaign_id: str) -> dict[str, Any]:
 
 
 def _read_grasps(lake: Lake, campaign_id: str) -> dict[str, Any]:
-    """What was measured, and where it went wrong."""
+    """Read what was measured, and where it went wrong."""
     failures: dict[tuple[str, PlannedGrasp], int] = {}
     next_attempts: dict[tuple[str, PlannedGrasp], int] = {}
     for tool_id, object_id, repeat, n_failures, next_attempt in tuples(lake, _FAILURES, campaign=campaign_id):
@@ -253,7 +253,7 @@ def _read_grasps(lake: Lake, campaign_id: str) -> dict[str, Any]:
 def _read_simulations(
     lake: Lake, setup_id: str, present_ids: Collection[str], older_ids: Collection[str]
 ) -> dict[str, Any]:
-    """Which designs were simulated on which objects."""
+    """Read which designs were simulated on which objects."""
     present: dict[str, set[int]] = {}
     before: dict[str, set[int]] = {}
     fruitful: set[str] = set()
@@ -267,7 +267,7 @@ def _read_simulations(
 
 
 def rank_tools(lake: Lake, campaign_id: str) -> list[dict[str, Any]]:
-    """Measured tools, best first, with tool quality (mean peak pull-off force over the objects) in N.
+    """Rank the measured tools, best first, with tool quality (mean peak pull-off force over the objects) in N.
 
     Tools that miss objects come after all others: their means are over easier or harder objects.
     """
@@ -275,11 +275,11 @@ def rank_tools(lake: Lake, campaign_id: str) -> list[dict[str, Any]]:
 
 
 def load_designs(lake: Lake) -> dict[str, Design]:
-    """All designs of the lake by id."""
+    """Load all designs of the lake by id."""
     return {row.design_id: row.design for row in lake.records(DesignRow)}
 
 
 def tuples(lake: Lake, sql: str, *params: Any, **named: Any) -> Iterable[tuple[Any, ...]]:
-    """Rows of a query as tuples; its parameters (`?` or `$name`) are given by place or by name."""
+    """Return the rows of a query as tuples; its parameters (`?` or `$name`) are given by place or by name."""
     found = lake.query_kept(sql, named or list(params))
     return zip(*(column.to_pylist() for column in found.columns), strict=True)

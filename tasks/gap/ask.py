@@ -37,7 +37,7 @@ _WORTH_NATS = 0.5  # promised less, two hypotheses are not said to fall apart
 
 
 def ask(search: SearchInputs, naming: NamingResult, most_grasps: int) -> NextExperiment | None:
-    """What to do so that what a round leaves possible falls apart; None if nothing is open, or nothing would tell."""
+    """Ask what to do so that what a round leaves possible falls apart; None if nothing is open or nothing tells."""
     hypotheses = list_hypotheses(naming)
     if not hypotheses or most_grasps < FEWEST_GRASPS:
         return None
@@ -59,7 +59,7 @@ def ask(search: SearchInputs, naming: NamingResult, most_grasps: int) -> NextExp
 
 
 def list_requests(asked: Sequence[AskedGrasps]) -> list[GraspRequest]:
-    """The grasps in the order in which they are made: changed and usual ones in turn, either first in turn."""
+    """List the grasps in the order in which they are made: changed and usual ones in turn, either first in turn."""
     found = []
     number = 0
     for one in asked:
@@ -74,7 +74,7 @@ def list_requests(asked: Sequence[AskedGrasps]) -> list[GraspRequest]:
 
 
 def plan_minutes(asked: Sequence[AskedGrasps], grasps: Grasps) -> float:
-    """How long the bench takes for what is asked of the tools of `grasps`."""
+    """Compute how long the bench takes for what is asked of the tools of `grasps`."""
     return plan_asked_minutes(list_requests(asked), dict(zip(grasps.tools, grasps.designs, strict=True)))
 
 
@@ -115,7 +115,7 @@ class _Plan:
         return sum(all(self.hypotheses[i].own for i in pair) for pair in self.open_effects)
 
     def write(self, naming: NamingResult) -> NextExperiment | None:
-        """What is asked of the bench; None if nothing is worth it."""
+        """Write what is asked of the bench; None if nothing is worth it."""
         places = sorted(np.flatnonzero(self.choice.counts), key=lambda at: (self.pairs[at].tool, self.pairs[at].obj))
         promised = self._list_promises()
         if not len(places) or not promised:
@@ -142,7 +142,7 @@ class _Plan:
         )
 
     def _list_promises(self) -> tuple[Promise, ...]:
-        """Names that are promised to fall apart, the worst first; of forms of one hypothesis the worst counts."""
+        """List names promised to fall apart, the worst first; of forms of one hypothesis the worst counts."""
         nats: dict[tuple[str, str], float] = {}
         sharp = np.flatnonzero(self.forecast.is_sharp)
         for i in sharp:
@@ -155,7 +155,7 @@ class _Plan:
 
 
 def _ask_person(hypotheses: tuple[Hypothesis, ...], plan: _Plan, measured: Sequence[str]) -> NextExperiment | None:
-    """What a person measures where effects stay together in the plan for the bench; None if no reading tells more.
+    """Ask a person to measure where effects stay together in the plan for the bench; None if no reading tells more.
 
     A reading is made once, so what is expected of it counts, and no kind that was `measured` is asked for again.
     """
@@ -199,7 +199,7 @@ def _count_pairs(hypotheses: Sequence[Hypothesis]) -> int:
 
 
 def write_pair(grasps: Grasps, pair: Pair, n: int) -> AskedGrasps:
-    """What is asked for a pair that is made n times."""
+    """Write what is asked for a pair that is made n times."""
     return AskedGrasps(
         tool=grasps.tools[pair.tool],
         object=grasps.objects[pair.obj],
@@ -212,7 +212,7 @@ def write_pair(grasps: Grasps, pair: Pair, n: int) -> AskedGrasps:
 
 
 def estimate_costs(grasps: Grasps, pairs: Sequence[Pair]) -> Costs:
-    """Minutes of each pair and of a change of tool, as the bench's cycle time has them."""
+    """Estimate the minutes of each pair and of a change of tool, as the bench's cycle time has them."""
     base, minutes, change_s = grasps.base_setup, [], 0.0
     known: dict[tuple[int, Setting], float] = {}
     tool = MountedTool(tool_id="asked", design=grasps.designs[0])
@@ -237,18 +237,18 @@ def estimate_costs(grasps: Grasps, pairs: Sequence[Pair]) -> Costs:
 
 
 def list_timing_pairs(grasps: Grasps) -> list[Pair]:
-    """Pairs that could be made and need no simulation: at another speed, dwell or pressure."""
+    """List the pairs that could be made and need no simulation: at another speed, dwell or pressure."""
     timings = [one for one in _list_able(grasps) if one.is_timing]
     return [Pair(*cell, one) for cell in _spread_cells(grasps) for one in timings]
 
 
 def _list_able(grasps: Grasps) -> list[Setting]:
-    """Settings that a bench can make."""
+    """List the settings that a bench can make."""
     return [one for one in list_settings(grasps.base_setup) if BenchLimits().can_make(one.setup, one.placement)]
 
 
 def _spread_cells(grasps: Grasps) -> list[tuple[int, int]]:
-    """Tools and objects of which pairs are looked at: spread over those that were measured (and may be learnt from)."""
+    """Spread tools and objects of which pairs are looked at over those that were measured (and may be learnt from)."""
     made = sorted(set(zip(grasps.tool.tolist(), grasps.obj.tolist(), strict=True)))
     tools = _spread(sorted({tool for tool, _ in made}), _MOST_TOOLS)
     objects = _spread(sorted({obj for _, obj in made}), _MOST_OBJECTS)
@@ -268,7 +268,7 @@ def _list_possible(hypotheses: Sequence[Hypothesis]) -> dict[str, float]:
 
 
 def _predict(hypotheses: Sequence[Hypothesis], pair: Pair, grasps: Grasps) -> tuple[Prediction, ...]:
-    """What each effect, and nothing, predicts of a pair's changed grasp; of *unknown* nobody knows."""
+    """Predict what each effect, and nothing, gives of a pair's changed grasp; of *unknown* nobody knows."""
     if not pair.setting.is_timing:
         return ()
     return tuple(

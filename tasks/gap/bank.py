@@ -40,7 +40,7 @@ _AT_ONCE = 4000  # traces held while they are averaged
 
 
 def plan_bank(base: SimulatorVersion, cells: Cells, bank_plan: BankPlan = WIDE) -> tuple[SimulationPlan, ...]:
-    """Simulations of a bank, for `tasks.simulation.plan.simulate_plan`, which makes what the lake lacks.
+    """Plan the simulations of a bank, for `tasks.simulation.plan.simulate_plan`, which makes what the lake lacks.
 
     Version by version over all designs, the centre first: a bank that is not complete lacks effects, not designs.
     """
@@ -57,19 +57,19 @@ def plan_bank(base: SimulatorVersion, cells: Cells, bank_plan: BankPlan = WIDE) 
 
 
 def plan_centre(base: SimulatorVersion, cells: Cells) -> tuple[SimulationPlan, ...]:
-    """Simulations of the wide bank at its centre alone, a fortieth of it."""
+    """Plan the simulations of the wide bank at its centre alone, a fortieth of it."""
     return plan_cells([base.model_copy(update={"theta": WIDE.centre})], cells)
 
 
 def plan_cells(versions: Sequence[SimulatorVersion], cells: Cells) -> tuple[SimulationPlan, ...]:
-    """Simulations of cells by versions."""
+    """Plan the simulations of cells by versions."""
     return tuple(block.plan(versions) for block in _list_blocks(cells))
 
 
 def read_bank(
     lake: Lake, base: SimulatorVersion, cells: Cells, bank_plan: BankPlan = WIDE, wide: Bank | None = None
 ) -> Bank:
-    """A bank of t designs on k targets, of what the lake has; NaN where a simulation failed or is missing.
+    """Read a bank of t designs on k targets, of what the lake has; NaN where a simulation failed or is missing.
 
     wide: the bank that a local one takes over from what is not simulated in it; it needs one.
 
@@ -112,7 +112,7 @@ def read_bank(
 
 
 def _list_other_setups(bank_plan: BankPlan) -> dict[str, list[Callable[[GraspSetup], GraspSetup]]]:
-    """Other setups in which the centre of a bank is simulated, by the array of `Bank` that they fill."""
+    """List other setups in which the centre of a bank is simulated, by the array of `Bank` that they fill."""
 
     def pick(name: str, more: float) -> Callable[[GraspSetup], GraspSetup]:
         return lambda setup: setup.model_copy(update={name: getattr(setup, name) + more})
@@ -139,14 +139,14 @@ def note_bank(lake: Lake, gap_id: str, campaign_id: str | None, bank_plan: BankP
 
 
 def read_bank_thetas(lake: Lake) -> set[Theta]:
-    """Every theta that a bank of gap discovery in this lake was simulated at, the wide bank's too."""
+    """Read every theta that a bank of gap discovery in this lake was simulated at, the wide bank's too."""
     rows = lake.records(EventRow, kind=BANK)
     own = {Theta.model_validate(theta) for row in rows for theta in row.payload["thetas"]}
     return {WIDE.centre, *WIDE.grid_thetas} | own
 
 
 def list_plan_ids(plans: Sequence[SimulationPlan]) -> list[str]:
-    """Ids of all simulations of plans."""
+    """List the ids of all simulations of plans."""
     return [
         SimulationRow.make_id(design.design_id, object_id, version.version_id, plan.setup_id)
         for plan in plans
@@ -156,13 +156,13 @@ def list_plan_ids(plans: Sequence[SimulationPlan]) -> list[str]:
 
 
 def plan_theta_grid(base: SimulatorVersion, cells: Cells) -> tuple[SimulationPlan, ...]:
-    """The part of the bank that theta alone needs: the grid of friction and Poisson ratio, design by design."""
+    """Plan the part of the bank that theta alone needs: the grid of friction and Poisson ratio, design by design."""
     versions = list_versions(base)[: len(ThetaGrid().points)]
     return tuple(block.plan(versions, by_design=True) for block in _list_blocks(cells))
 
 
 def read_grid_bank(lake: Lake, base: SimulatorVersion, cells: Cells) -> Bank:
-    """The bank for theta alone: the grid of t designs on k targets, of what the lake has.
+    """Read the bank for theta alone: the grid of t designs on k targets, of what the lake has.
 
     Raises:
         UsageError: no cell has enough of the grid.
@@ -176,7 +176,7 @@ def read_grid_bank(lake: Lake, base: SimulatorVersion, cells: Cells) -> Bank:
 
 
 def _part_effects(steps_n: np.ndarray, bank_plan: BankPlan) -> dict[str, EffectRuns]:
-    """Effects of a bank from their simulations (t x k x n x 120), in order."""
+    """Return the effects of a bank from their simulations (t x k x n x 120), in order."""
     found, start = {}, 0
     for effect in (name for name in bank_plan.effects if CATALOGUE[name].bank_runs):
         parameters = bank_plan.list_amplitudes(effect)
@@ -195,7 +195,7 @@ def read_simulated_steps(
     of_trace: Callable[[Trace, GraspSetup], np.ndarray] = lambda trace, setup: step_means(trace),
     n: int = N_STEPS,
 ) -> np.ndarray:
-    """Step means of simulations, t x k x v x 120; NaN where there is no usable trace.
+    """Read the step means of simulations, t x k x v x 120; NaN where there is no usable trace.
 
     vary: another setup than a target's. of_trace: another reading of a trace instead, of `n` numbers.
     """
@@ -231,7 +231,7 @@ class _Block:
     placement: Placement
 
     def plan(self, versions: Sequence[SimulatorVersion], *, by_design: bool = False) -> SimulationPlan:
-        """Its simulations, version by version, or design by design."""
+        """Plan its simulations, version by version, or design by design."""
         points = [(design, version) for version in versions for design in self.designs]
         if by_design:
             points = [(design, version) for design in self.designs for version in versions]
@@ -239,7 +239,7 @@ class _Block:
 
 
 def _list_blocks(cells: Cells) -> list[_Block]:
-    """The cells as blocks: by setup and placement, and by the designs that an object is wanted for."""
+    """List the cells as blocks: by setup and placement, and by the designs that an object is wanted for."""
     objects = defaultdict[tuple[GraspSetup, Placement, tuple[Design, ...]], list[int]](list)
     for target, is_wanted in zip(cells.targets, cells.is_wanted.T, strict=True):
         designs = tuple(

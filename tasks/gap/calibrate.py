@@ -85,7 +85,7 @@ class CalibratedSimulator:
         return np.array([theta.young_modulus_mpa, theta.friction, theta.poisson_ratio])
 
     def estimate_parameters(self, effects: Sequence[str]) -> dict[str, ParameterEstimate]:
-        """Posterior of the parameters of effects, named `<effect>.<parameter>`."""
+        """Estimate the posterior of the parameters of effects, named `<effect>.<parameter>`."""
         found = {}
         for place, name in enumerate(self.names):
             if name.partition(".")[0] in effects:
@@ -94,7 +94,7 @@ class CalibratedSimulator:
         return found
 
     def draw(self, n: int, seed: int) -> list[tuple[np.ndarray, tuple[EffectValue, ...]]]:
-        """Draws (n), each theta (3) and effects."""
+        """Return draws (n), each theta (3) and effects."""
         from fast.models.gap.fit.posterior import effects_at
 
         rows = self.draws[np.random.default_rng(seed).integers(len(self.draws), size=n)]
@@ -104,7 +104,7 @@ class CalibratedSimulator:
 def calibrate_simulator(
     search: SearchInputs, effects: Sequence[EffectValue], *, is_on_trial: bool = False
 ) -> CalibratedSimulator:
-    """The simulator with effects, calibrated on training grasps, from the lake if it has been made before.
+    """Calibrate the simulator with effects on training grasps; from the lake if it has been made before.
 
     is_on_trial: it is written as one that nobody may use, until `admit_simulator`.
 
@@ -156,7 +156,7 @@ class EffectData(CalibrationData):
         return tuple(value.effect for value in self.effects)
 
     def describe(self, settings: CalibrationSettings) -> str:
-        """Settings, effects and samples: what decides the result besides simulator, rows and seed."""
+        """Describe settings, effects and samples: what decides the result besides simulator, rows and seed."""
         return canonical_json([write_settings(settings), list(self.names), self.training.grasps.content_id])
 
     def learn(
@@ -183,7 +183,7 @@ class EffectData(CalibrationData):
 
 
 def gather_effects(search: SearchInputs, effects: Sequence[EffectValue]) -> EffectData:
-    """What a calibration with effects is made of; without any, of theta alone."""
+    """Gather what a calibration with effects is made of; without any, of theta alone."""
     training = search.data.training
     wanted = list_plan_ids(plan_bank(search.base, search.data.grasps.cells, search.bank_plan))
     known = tuple(sorted(search.lake.ids(SimulationRow, simulation_id=wanted, status="ok")))
@@ -194,7 +194,7 @@ def gather_effects(search: SearchInputs, effects: Sequence[EffectValue]) -> Effe
 
 
 def make_version(base: SimulatorVersion, result: CalibrationResult) -> SimulatorVersion | None:
-    """The simulator with the medians of theta and of the effects' parameters; None if the draws cannot be trusted."""
+    """Make the simulator with the medians of theta and effect parameters; None if the draws cannot be trusted."""
     from fast.models.gap.fit.posterior import effects_at
 
     if check_quality(result):
@@ -205,7 +205,7 @@ def make_version(base: SimulatorVersion, result: CalibrationResult) -> Simulator
 
 
 def _read_draws(lake: Lake, calibration_id: str) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names and draws (n x k) of a calibration, theta first."""
+    """Read names and draws (n x k) of a calibration, theta first."""
     rows = sorted(lake.records(PosteriorDrawsRow, calibration_id=calibration_id), key=lambda row: row.chain)
     names = sorted({row.parameter for row in rows}, key=lambda name: (THETA.index(name) if name in THETA else 9, name))
     columns = [np.concatenate([row.draws for row in rows if row.parameter == name]) for name in names]

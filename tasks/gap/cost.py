@@ -29,7 +29,7 @@ class GraspCosts:
 
     @staticmethod
     def read(lake: Lake) -> "GraspCosts":
-        """What the grasps of this lake have taken, the failed ones too."""
+        """Read what the grasps of this lake have taken, the failed ones too."""
         sql = "SELECT version_id, sum(cpu_s) AS cpu_s, count(*) AS n FROM simulations WHERE cpu_s > 0 GROUP BY 1"
         spent = {row["version_id"]: (row["cpu_s"], row["n"]) for row in lake.query(sql).to_pylist()}
         total, count = defaultdict[str, float](float), Counter[str]()
@@ -43,7 +43,7 @@ class GraspCosts:
         return GraspCosts({kind: total[kind] / count[kind] for kind in total})
 
     def of(self, version: SimulatorVersion) -> float | None:
-        """CPU seconds of a grasp with a version; None if no such grasp is known."""
+        """Return the CPU seconds of a grasp with a version; None if no such grasp is known."""
         return self.cpu_s.get(name_kind(version))
 
 
@@ -56,12 +56,12 @@ class Cost:
 
 
 def name_kind(version: SimulatorVersion) -> str:
-    """What a simulator version is but for theta and effects."""
+    """Name what a simulator version is but for theta and effects."""
     return canonical_json(version.model_copy(update={"theta": Theta(), "effects": ()}).model_dump(mode="json"))
 
 
 def estimate_cost(lake: Lake, plans: Sequence[SimulationPlan], costs: GraspCosts) -> Cost:
-    """Cost of what the lake lacks of plans."""
+    """Estimate the cost of what the lake lacks of plans."""
     missing = [
         (costs.of(version), len(objects)) for plan in plans for (_, version), objects in missing_objects(lake, plan)
     ]
@@ -70,7 +70,7 @@ def estimate_cost(lake: Lake, plans: Sequence[SimulationPlan], costs: GraspCosts
 
 
 def plan_probe(lake: Lake, plans: Sequence[SimulationPlan], costs: GraspCosts) -> tuple[SimulationPlan, ...]:
-    """The few grasps of plans that tell what is not known of their cost: of each kind, on two designs and objects."""
+    """Plan the few grasps that tell what is unknown of the cost of plans: of each kind, on two designs and objects."""
     found: dict[str, SimulationPlan] = {}
     for plan in plans:
         by_kind: dict[str, list[tuple[Design, SimulatorVersion]]] = defaultdict(list)
@@ -87,7 +87,7 @@ def plan_probe(lake: Lake, plans: Sequence[SimulationPlan], costs: GraspCosts) -
 
 
 def choose_largest_bank() -> BankPlan:
-    """A bank as large as one around a fitted theta can be, for its cost alone: at a theta where the wide one is not.
+    """Choose a bank as large as any around a fitted theta, for its cost alone: at a theta where the wide one is not.
 
     Runs at fitted parameters count, too: here, between those of the bank and no effect.
     """
@@ -99,5 +99,5 @@ def choose_largest_bank() -> BankPlan:
 
 
 def _spread(values: Sequence[_T], n: int) -> list[_T]:
-    """At most n of the values: the first, and others at equal steps."""
+    """Return at most n of the values: the first, and others at equal steps."""
     return list(values[:: max(len(values) // n, 1)][:n])

@@ -80,7 +80,7 @@ class Contexts:
 
 
 def split_measurements(lake: Lake, campaign_id: str | None, seed: int, size: PanelSize = WHOLE) -> Split:
-    """The frozen split of what was measured, or of a smaller panel of it, without a look at any force.
+    """Return the frozen split of what was measured, or of a smaller panel of it, without a look at any force.
 
     Raises:
         UsageError: nothing was measured, or on several benches; too few designs or objects; a design is unknown; an
@@ -105,7 +105,7 @@ def split_measurements(lake: Lake, campaign_id: str | None, seed: int, size: Pan
 
 
 def make_data(measured: MeasuredGrasps, bank: Bank, split: Split) -> GapData:
-    """Grasps and bank with the masks of a split."""
+    """Make the data: grasps and bank with the masks of a split."""
     grasps = measured.grasps
     return GapData(
         grasps=grasps,
@@ -117,7 +117,7 @@ def make_data(measured: MeasuredGrasps, bank: Bank, split: Split) -> GapData:
 
 
 def check_units(data: GapData) -> list[str]:
-    """What the size of the measured forces says about their unit.
+    """Check what the size of the measured forces says about their unit.
 
     Raises:
         UsageError: a factor of about 1000 is suspected, or the other sign.
@@ -128,7 +128,7 @@ def check_units(data: GapData) -> list[str]:
 
 
 def check_forces(steps_n: np.ndarray, simulated_n: np.ndarray, modulus_mpa: float) -> list[str]:
-    """The same of measured and simulated traces (both n x 120, N; NaN where none is simulated) at a Young's modulus.
+    """Check the same of measured and simulated traces (n x 120, N; NaN where none is simulated) at a Young's modulus.
 
     Raises:
         UsageError: as `check_units`.
@@ -147,14 +147,14 @@ def check_forces(steps_n: np.ndarray, simulated_n: np.ndarray, modulus_mpa: floa
 
 
 def has_other_sign(steps_n: np.ndarray, others_n: np.ndarray) -> bool:
-    """Whether most of the traces (n x 120, N) run against others, whatever their size: a cosine below -0.5."""
+    """Return whether most traces (n x 120, N) run against others, whatever their size: a cosine below -0.5."""
     lengths = np.linalg.norm(steps_n, axis=1) * np.linalg.norm(others_n, axis=1)
     cosines = (steps_n * others_n).sum(axis=1)[lengths > 0] / lengths[lengths > 0]
     return bool(len(cosines) and np.median(cosines) < _OPPOSITE)
 
 
 def check_repeats(grasps: Grasps) -> list[str]:
-    """A sentence where repeats cannot tell what changes slowly: there are none, or each follows the other."""
+    """Check whether repeats can tell what changes slowly: a sentence if there are none, or each follows the other."""
     cells: dict[tuple[int, int], list[int]] = defaultdict(list)
     for tool, obj, context in zip(grasps.tool.tolist(), grasps.obj.tolist(), grasps.contexts, strict=True):
         cells[tool, obj].append(context.batch_grasps)
@@ -170,7 +170,7 @@ def check_repeats(grasps: Grasps) -> list[str]:
 
 
 def read_grasps(lake: Lake, campaign_id: str | None, size: PanelSize = WHOLE) -> MeasuredGrasps:
-    """Measured grasps, or those of a smaller panel: the last good attempt of each repeat, with a usable trace.
+    """Read measured grasps, or those of a smaller panel: the last good attempt of each repeat, with a usable trace.
 
     Raises:
         UsageError: nothing was measured, or on several benches; a design is unknown; no trace can be used.
@@ -232,7 +232,7 @@ def read_grasps(lake: Lake, campaign_id: str | None, size: PanelSize = WHOLE) ->
 
 
 def _find_questions(lake: Lake, rows: Sequence[GraspRow]) -> np.ndarray:
-    """Which grasps (n) were asked for to tell effects apart; one for a parameter is a grasp like any other."""
+    """Find which grasps (n) were asked for to tell effects apart; one for a parameter is a grasp like any other."""
     asked = lake.records(GraspRequestRow, request_id=[row.request_id for row in rows if row.request_id])
     for_parameter = {row.request_id for row in asked if row.parameter}
     return np.array([bool(row.request_id) and row.request_id not in for_parameter for row in rows])
@@ -241,7 +241,7 @@ def _find_questions(lake: Lake, rows: Sequence[GraspRow]) -> np.ndarray:
 def _gather_answers(
     lake: Lake, campaign_id: str | None, grasps: Grasps, rows: Sequence[GraspRow], is_asked: np.ndarray
 ) -> Answers | None:
-    """What came of questions: grasps (of `rows`) in the pairs in which they were asked for, and readings of persons."""
+    """Gather what came of questions: grasps (of `rows`) in the pairs asked for, and readings of persons."""
     readings = read_readings(lake, campaign_id)
     places = {row.request_id: place for place, row in enumerate(rows) if is_asked[place]}
     asked = lake.records(GraspRequestRow, request_id=list(places))
@@ -262,7 +262,7 @@ def _gather_answers(
 
 
 def rebuild_contexts(lake: Lake, campaign_id: str | None) -> Contexts:
-    """Contexts of all grasps of a campaign, or of the lake.
+    """Rebuild the contexts of all grasps of a campaign, or of the lake.
 
     Batches are told apart by campaign and number. Within one, grasps follow each other by `order`, which no clock can
     turn round, else by `started_at`, else tool by tool, repeat by repeat; only `started_at` tells the time.
@@ -296,7 +296,7 @@ def rebuild_contexts(lake: Lake, campaign_id: str | None) -> Contexts:
 def _steps(
     lake: Lake, by_tool: Mapping[str, Sequence[GraspRow]]
 ) -> tuple[dict[str, np.ndarray], list[Trace], list[str]]:
-    """Step means by grasp, some readings before contact less the offset of their tool, and what was left out."""
+    """Return step means by grasp, some pre-contact readings less their tool's offset, and what was left out."""
     found: dict[str, np.ndarray] = {}
     quiet: list[Trace] = []
     seen: dict[bytes, str] = {}
@@ -347,14 +347,14 @@ def _steps(
 
 
 def _find_speed(trace: Trace) -> float:
-    """Speed of a lift in mm/s, between a tenth and nine tenths of its height."""
+    """Find the speed of a lift in mm/s, between a tenth and nine tenths of its height."""
     time_s, lift_mm = trace.time_s[trace.is_lift], trace.lift_mm[trace.is_lift]
     start, end = (int(np.argmax(lift_mm >= share * lift_mm.max())) for share in (0.1, 0.9))
     return float((lift_mm[end] - lift_mm[start]) / max(time_s[end] - time_s[start], 1e-3))
 
 
 def is_cut(trace: Trace) -> bool:
-    """Whether the recording ended with force on the fingers: what came after it is not known, and not zero."""
+    """Return whether the recording ended with force on the fingers: what came after is not known, and not zero."""
     lift_mm, force_n = trace.lift_mm[trace.is_lift], trace.force_n[trace.is_lift]
     at_end_n = force_n[lift_mm >= lift_mm[-1] - STEP_MM].mean()
     return bool(lift_mm[-1] < N_STEPS * STEP_MM - STEP_MM and at_end_n > _CUT_SHARE * force_n.max())
@@ -366,7 +366,7 @@ def _before_contact(trace: Trace) -> Trace:
 
 
 def _less_their_mean(traces: Sequence[Trace]) -> list[Trace]:
-    """What hangs on the load cell differs from tool to tool; it is no noise."""
+    """Return traces less their mean: what hangs on the load cell differs from tool to tool and is no noise."""
     if not traces:
         return []
     mean_n = np.concatenate([trace.force_n for trace in traces]).mean()
@@ -376,7 +376,7 @@ def _less_their_mean(traces: Sequence[Trace]) -> list[Trace]:
 def _noise(
     quiet: Sequence[Trace], steps_n: np.ndarray, cell: np.ndarray, setup: GraspSetup
 ) -> tuple[SensorNoise, list[str]]:
-    """Sensor noise from readings before contact, or if there are none, from what repeats do not share."""
+    """Return sensor noise from readings before contact, or if there are none, from what repeats do not share."""
     try:
         return noise_of_readings(quiet), []
     except UsageError:
@@ -388,7 +388,7 @@ def _noise(
 
 
 def _read_printed(lake: Lake, designs: Mapping[str, Design]) -> tuple[tuple[Design, ...], list[str]]:
-    """Designs of tools with the thicknesses that a person measured, and those that the simulator cannot make."""
+    """Read tool designs with the thicknesses that a person measured, and those that the simulator cannot make."""
     said = {row.tool_id: row for row in lake.records(ToolRow, tool_id=list(designs))}
     printed, sentences = [], []
     for tool_id, design in designs.items():

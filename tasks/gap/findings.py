@@ -50,31 +50,31 @@ class GapRun(Record):
 def make_gap_id(
     measured: "MeasuredGrasps", base: SimulatorVersion, split: "Split", settings: Mapping[str, object]
 ) -> str:
-    """Id of a search: the same grasps, samples, measured walls, simulator, split, catalogue and settings."""
+    """Make the id of a search: the same grasps, samples, measured walls, simulator, split, catalogue and settings."""
     catalogue = {name: spec.version for name, spec in CATALOGUE.items()}
     content = [measured.content_id, base.version_id, split.split_id, catalogue, dict(settings)]
     return content_id("A", content)
 
 
 def find_run(lake: Lake, gap_id: str) -> GapRun | None:
-    """The finished search with this id, if the lake has it."""
+    """Find the finished search with this id, if the lake has it."""
     found = lake.records(EventRow, event_id=EventRow.make_id(KIND, gap_id))
     return GapRun.model_validate(found[-1].payload) if found else None
 
 
 def find_newest_run(lake: Lake, campaign_id: str | None) -> GapRun | None:
-    """The search of a campaign, or of a whole lake, that ended last."""
+    """Find the search of a campaign, or of a whole lake, that ended last."""
     return next(iter(_read_runs(lake, campaign_id)[-1:]), None)
 
 
 def find_last_run(lake: Lake) -> GapRun | None:
-    """The search of a lake that ended last, of whatever campaign."""
+    """Find the search of a lake that ended last, of whatever campaign."""
     found = lake.records(EventRow, kind=KIND)
     return GapRun.model_validate(found[-1].payload) if found else None
 
 
 def find_answered_run(lake: Lake, campaign_id: str | None) -> GapRun | None:
-    """The search that ended last, if what it asked for is answered, in part at least: it is to be gone on with.
+    """Find the search that ended last, if what it asked for is answered, at least in part: it is to be gone on with.
 
     One that asked for a parameter had its name already; the search after it begins with that.
     """
@@ -88,7 +88,7 @@ def find_answered_run(lake: Lake, campaign_id: str | None) -> GapRun | None:
 
 
 def find_refined_run(lake: Lake, campaign_id: str | None) -> GapRun | None:
-    """The last search that asked for a parameter and had any of its grasps made."""
+    """Find the last search that asked for a parameter and had any of its grasps made."""
     for run in reversed(_read_runs(lake, campaign_id)):
         asked = run.findings.next_experiment
         if asked is not None and asked.parameter and count_made(lake, run.gap_id):
@@ -97,23 +97,23 @@ def find_refined_run(lake: Lake, campaign_id: str | None) -> GapRun | None:
 
 
 def count_made(lake: Lake, gap_id: str) -> int:
-    """How many of the grasps that a search asked for are made."""
+    """Count how many of the grasps that a search asked for are made."""
     return int(lake.query(_N_MADE, {"search": gap_id})["n"][0].as_py())
 
 
 def count_asked(lake: Lake, campaign_id: str) -> int:
-    """How many grasps the finished searches of a campaign have asked for, made or not."""
+    """Count how many grasps the finished searches of a campaign have asked for, made or not."""
     return sum(asked.promised_grasps for asked in read_questions(lake, campaign_id))
 
 
 def read_questions(lake: Lake, campaign_id: str | None) -> list[NextExperiment]:
-    """What finished searches of a campaign, or of a whole lake, have asked for, in order."""
+    """Read what finished searches of a campaign, or of a whole lake, have asked for, in order."""
     runs = _read_runs(lake, campaign_id)
     return [run.findings.next_experiment for run in runs if run.findings.next_experiment is not None]
 
 
 def _read_runs(lake: Lake, campaign_id: str | None) -> list[GapRun]:
-    """Finished searches of a campaign, or of a whole lake, in order."""
+    """Read the finished searches of a campaign, or of a whole lake, in order."""
     rows = lake.records(EventRow, kind=KIND, campaign_id=campaign_id or "")
     return [GapRun.model_validate(row.payload) for row in rows]
 
@@ -126,7 +126,7 @@ class Start(NamedTuple):
 
 
 def find_start(lake: Lake, gap_id: str) -> Start | None:
-    """What a search began with, if it has begun."""
+    """Find what a search began with, if it has begun."""
     found = lake.records(EventRow, event_id=EventRow.make_id(STARTED, gap_id))
     if not found:
         return None
@@ -154,7 +154,7 @@ def write_run(lake: Lake, run: GapRun, message: str, provenance: Provenance) -> 
 
 
 def make_round_rows(run: GapRun, number: int) -> list[GapFindingRow]:
-    """Lines of one round, which counts from 0 here and from 1 in the table."""
+    """Make the lines of one round, which counts from 0 here and from 1 in the table."""
     found = run.findings.rounds[number]
     rows = [
         GapFindingRow(
@@ -181,7 +181,7 @@ def make_round_rows(run: GapRun, number: int) -> list[GapFindingRow]:
 
 
 def _named_rows(run: GapRun, number: int, found: RoundFindings) -> list[GapFindingRow]:
-    """One row for each effect of the answer, or one without effect; the gap is that of the whole search."""
+    """Make one row for each effect of the answer, or one without effect; the gap is that of the whole search."""
     named, gap = found.named, run.findings.gap
     effects: Sequence[str | None] = named.effects or (None,)
     return [
@@ -203,7 +203,7 @@ def _named_rows(run: GapRun, number: int, found: RoundFindings) -> list[GapFindi
 
 
 def _parameters(named: Decision, effect: str | None) -> dict[str, Any]:
-    """Parameters of one effect of an answer, which names them `<effect>.<parameter>` or, of a single one, plainly."""
+    """Return one effect's parameters; the answer names them `<effect>.<parameter>` or, of a single one, plainly."""
     if effect is None:
         return {}
     own = {

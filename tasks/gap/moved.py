@@ -24,7 +24,7 @@ _FEWEST_CELLS = 2
 def choose_cells(
     cells: Sequence[tuple[int, int]], hypotheses: Sequence[Hypothesis], settings: Sequence[Setting]
 ) -> list[tuple[int, int]]:
-    """As many of the cells as may be simulated for all hypotheses and settings, spread over them."""
+    """Choose as many of the cells as may be simulated for all hypotheses and settings, spread over them."""
     n_versions = len({_key(one) for one in hypotheses})
     n = max(MOST_SIMULATIONS // (n_versions * (len(settings) + 1)), _FEWEST_CELLS)
     places = np.unique(np.linspace(0, len(cells) - 1, min(n, len(cells))).round().astype(int))
@@ -32,7 +32,7 @@ def choose_cells(
 
 
 def simulate_moved(search: SearchInputs, hypotheses: Sequence[Hypothesis], pairs: Sequence[Pair]) -> Moved:
-    """What the changed grasps of pairs differ by from the usual ones, for each hypothesis; what failed is not there."""
+    """Simulate by what changed grasps of pairs differ from usual ones, for each hypothesis; without what failed."""
     pairs = [pair for pair in pairs if not pair.setting.is_timing]
     if not pairs:
         return {}
@@ -58,13 +58,13 @@ def simulate_moved(search: SearchInputs, hypotheses: Sequence[Hypothesis], pairs
 
 
 def _key(hypothesis: Hypothesis) -> str:
-    """Forms of one hypothesis, and what differs in no simulated effect, are simulated once."""
+    """Return a key: forms of one hypothesis, and what differs in no simulated effect, are simulated once."""
     solid = [value.model_dump() for value in hypothesis.fit.effects if CATALOGUE[value.effect].bank_runs]
     return f"{[float(f'{x:.3g}') for x in hypothesis.fit.theta]} {solid}"
 
 
 def _make_version(base: SimulatorVersion, hypothesis: Hypothesis) -> SimulatorVersion:
-    """The simulator at a hypothesis' theta with its simulated effects, rounded, so that nothing is simulated twice."""
+    """Make the simulator at a hypothesis' theta with its simulated effects, rounded: nothing is simulated twice."""
     modulus, friction, ratio = (float(f"{x:.3g}") for x in hypothesis.fit.theta)
     effects = tuple(
         EffectValue(effect=value.effect, parameters={name: float(f"{x:.3g}") for name, x in value.parameters.items()})

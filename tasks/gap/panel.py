@@ -37,14 +37,14 @@ WHOLE = PanelSize()
 
 
 def select_panel(rows: Sequence[GraspRow], designs: Mapping[str, Design], size: PanelSize) -> list[GraspRow]:
-    """The grasps of a panel; designs: by the id that rows have. A larger panel holds every smaller one."""
+    """Select the grasps of a panel; designs: by the id that rows have. A larger panel holds every smaller one."""
     chosen = spread_designs(list(designs.values()))[: size.designs]
     objects = set(spread_objects({row.object_id for row in rows})[: size.objects])
     return [row for row in rows if designs[row.design_id] in chosen and row.object_id in objects]
 
 
 def spread_designs(designs: Sequence[Design]) -> list[Design]:
-    """Each design once, the one next to the middle first, then always the one farthest from all before it."""
+    """Return each design once, the one next to the middle first, then always the one farthest from all before it."""
     unique = list({design.design_id: design for design in sorted(designs, key=lambda d: d.design_id)}.values())
     unit = space_of(unique).to_unit(unique)
     first = int(np.argmin(np.linalg.norm(unit - unit.mean(axis=0), axis=1)))
@@ -57,7 +57,7 @@ def spread_designs(designs: Sequence[Design]) -> list[Design]:
 
 
 def spread_objects(objects: set[int]) -> list[int]:
-    """Objects by turns of their classes, each class in the order of the catalogue."""
+    """Return objects by turns of their classes, each class in the order of the catalogue."""
     by_class: dict[str, list[int]] = defaultdict(list)
     for object_id in sorted(objects):
         by_class[get_object(object_id).object_class].append(object_id)

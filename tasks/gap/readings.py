@@ -29,7 +29,7 @@ _READING_SD_MM = 0.05  # of the mean over three fingers about that over all
 
 
 def name_unasked(campaign_id: str | None) -> str:
-    """What stands for the search of a reading that none asked for; of each campaign, and of the lake, another."""
+    """Name the search of a reading that none asked for; of each campaign, and of the lake, another."""
     return f"unasked/{campaign_id or ''}"
 
 
@@ -89,7 +89,7 @@ def _event(campaign_id: str | None, gap_id: str, kind: str, message: str, said: 
 
 
 def read_readings(lake: Lake, campaign_id: str | None) -> tuple[Reading, ...]:
-    """All readings of a campaign, or of the lake, in order; bar and walls as lot and tools have them, if known."""
+    """Read all readings of a campaign, or of the lake, in order; bar and walls as lot and tools have them, if known."""
     where = {"campaign_id": campaign_id} if campaign_id else {}
     payloads = [row.payload for row in lake.records(EventRow, kind=KIND, **where)]
     told = [payload for payload in payloads if "value" in payload]
@@ -106,13 +106,13 @@ def read_readings(lake: Lake, campaign_id: str | None) -> tuple[Reading, ...]:
 
 
 def is_answered(lake: Lake, gap_id: str, kind: str) -> bool:
-    """Whether a person has measured what a search asked for."""
+    """Return whether a person has measured what a search asked for."""
     rows = lake.records(EventRow, event_id=EventRow.make_id(KIND, gap_id, kind))
     return bool(rows) and "value" in rows[-1].payload
 
 
 def _excess_of_tools(lake: Lake, campaign_id: str | None) -> tuple[float, float] | None:
-    """What measured walls have more than drawn, mm, and how far a reading may be from it; None where no tool says."""
+    """Return measured walls' excess over drawn, mm, and how far a reading may be from it; None where no tool says."""
     where = {"campaign_id": campaign_id} if campaign_id else {}
     designs = load_designs(lake)
     more_mm = [
@@ -127,7 +127,7 @@ def _excess_of_tools(lake: Lake, campaign_id: str | None) -> tuple[float, float]
 
 
 def _are_walls_known(lake: Lake, campaign_id: str | None) -> bool:
-    """Whether a person measured both walls and the ribs of every printed tool of a campaign, or of the lake."""
+    """Return whether a person measured both walls and ribs of every printed tool of a campaign, or of the lake."""
     tools = _list_printed(lake, campaign_id)
     return bool(tools) and all(getattr(row, f"measured_{name}") is not None for row in tools for name in THICKNESSES)
 
@@ -138,7 +138,7 @@ def _list_printed(lake: Lake, campaign_id: str | None) -> list[ToolRow]:
 
 
 def _find_lot(lake: Lake, campaign_id: str | None) -> str:
-    """The lot of all printed tools of a campaign, or of the lake; empty where there is none, or more than one."""
+    """Find the lot of all printed tools of a campaign, or of the lake; empty where there is none, or more than one."""
     lots = {row.material_lot for row in _list_printed(lake, campaign_id)}
     return lots.pop() if len(lots) == 1 else ""
 

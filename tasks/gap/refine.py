@@ -35,7 +35,7 @@ class Next:
 
 
 def ask_next(rounds: Sequence[Round], most_grasps: int) -> Next:
-    """What the first round that leaves a name open asks for; with none open, what the ranking of designs needs."""
+    """Ask what the first round that leaves a name open asks; with none open, what the ranking of designs needs."""
     refined = _describe_refined(rounds[-1])
     for one in rounds:
         found = ask(one.search, one.naming, most_grasps)
@@ -55,7 +55,7 @@ def ask_next(rounds: Sequence[Round], most_grasps: int) -> Next:
 
 
 def describe_parameter(name: str, interval: Interval | None = None) -> str:
-    """A parameter in words, `slip scale of slip weakening (0.2 to 0.4 mm)`; without an interval, without brackets."""
+    """Describe a parameter in words, `slip scale of slip weakening (0.2 to 0.4 mm)`; no interval, no brackets."""
     effect, _, own = name.rpartition(".")
     words = f"{spell_name(own)} of {effect.replace('_', ' ')}" if effect else _THETA_WORDS.get(own, spell_name(own))
     if interval is None:
@@ -65,7 +65,7 @@ def describe_parameter(name: str, interval: Interval | None = None) -> str:
 
 
 def _find_named(last: Round) -> Hypothesis | None:
-    """The newest accepted effect of the simulator with the fit of all; None if the simulator has none."""
+    """Find the newest accepted effect of the simulator with the fit of all; None if the simulator has none."""
     fit = last.naming.best if last.after is not last.before else last.naming.fit
     fitted = {value.effect for value in fit.effects}
     accepted = [value.effect for value in last.after.effects if value.effect in fitted]
@@ -73,7 +73,7 @@ def _find_named(last: Round) -> Hypothesis | None:
 
 
 def _plan_pairs(named: Hypothesis, ranking: Ranking, most_grasps: int) -> tuple[Refinement | None, Sequence[Pair]]:
-    """The pairs to make, of those that could be made."""
+    """Plan the pairs to make, of those that could be made."""
     grasps = named.fit.features.surrogate.grasps
     pairs = list_timing_pairs(grasps)
     if most_grasps < FEWEST_GRASPS or ranking.is_settled:
@@ -84,7 +84,7 @@ def _plan_pairs(named: Hypothesis, ranking: Ranking, most_grasps: int) -> tuple[
 def _write_ranking(
     fit: Fit, ranking: Ranking, place: int, simulator: CalibratedSimulator, *, is_asked: bool, most_grasps: int
 ) -> RankedDesigns:
-    """How designs rank, and what that means for more grasps."""
+    """Write how designs rank, and what that means for more grasps."""
     name, agreement = ranking.names[place], round(ranking.agreement, 3)
     (found,) = (simulator.estimate_parameters([part])[name] for part in [name.partition(".")[0]])
     what, order = describe_parameter(name, found.ci90), f"the order of the {len(ranking.best)} best designs"
@@ -109,7 +109,7 @@ def _write_ranking(
 
 
 def _write_experiment(fit: Fit, plan: Refinement, pairs: Sequence[Pair], ranked: RankedDesigns) -> NextExperiment:
-    """What is asked of the bench for a parameter."""
+    """Write what is asked of the bench for a parameter."""
     grasps = fit.features.surrogate.grasps
     chosen = [int(place) for place in np.flatnonzero(plan.counts)]
     places = sorted(chosen, key=lambda at: (pairs[at].tool, pairs[at].obj))
@@ -134,7 +134,7 @@ def _write_experiment(fit: Fit, plan: Refinement, pairs: Sequence[Pair], ranked:
 
 
 def _describe_refined(last: Round) -> Asked | None:
-    """What grasps for a parameter have brought, if the simulator has it still."""
+    """Tell what grasps for a parameter have brought, if the simulator has it still."""
     run = find_refined_run(last.search.lake, last.search.campaign_id)
     asked = run.findings.next_experiment if run is not None else None
     if run is None or asked is None or asked.ci90 is None or asked.sd_left is None:

@@ -127,7 +127,7 @@ def settle_bank(wide: SearchInputs, in_model: Sequence[EffectValue], former: Ban
 
 
 def settle_answers(search: SearchInputs, naming: NamingResult) -> tuple[NamingResult, Asked | None]:
-    """The names of a round with what came of earlier questions, and that in words."""
+    """Return the names of a round with what came of earlier questions, and that in words."""
     hypotheses = list_hypotheses(naming)
     if search.answers is None or not hypotheses:
         return naming, None
@@ -141,7 +141,7 @@ def settle_answers(search: SearchInputs, naming: NamingResult) -> tuple[NamingRe
 
 
 def run_round(settled: Settled, before: CalibratedSimulator) -> Round:
-    """The next round, from the simulator `before`; what it names is calibrated together with the effects of that.
+    """Run the next round, from the simulator `before`; calibrate what it names together with the effects of that.
 
     What was named is added if it makes the held-out error smaller, and refused if not.
 
@@ -177,7 +177,7 @@ def run_round(settled: Settled, before: CalibratedSimulator) -> Round:
 
 
 def plan_held_out(data: GapData, versions: Sequence[SimulatorVersion]) -> tuple[SimulationPlan, ...]:
-    """Simulations of the held-out cells by versions: held-out tools on all objects, the others on held-out objects."""
+    """Plan simulations of held-out cells by versions: held-out tools on all objects, others on held-out objects."""
     grasps = data.grasps
     solid = {found.version_id: found for found in (keep_simulated_effects(version) for version in versions)}.values()
     is_new_object = data.held_out_objects
@@ -188,7 +188,7 @@ def plan_held_out(data: GapData, versions: Sequence[SimulatorVersion]) -> tuple[
 
 
 def keep_simulated_effects(version: SimulatorVersion) -> SimulatorVersion:
-    """The version with those effects alone that have simulations of their own."""
+    """Return the version with those effects alone that have simulations of their own."""
     solid = tuple(value for value in version.effects if CATALOGUE[value.effect].bank_runs)
     return version.model_copy(update={"effects": solid})
 
@@ -207,7 +207,7 @@ def evaluate_rounds(rounds: Sequence[Round], seed: int) -> Evaluation:
     surrogate, noise_sd_n = data.held_out.select(rows), _step_noise_sd_n(data)
 
     def predict(label: str, simulator: CalibratedSimulator, simulated_n: np.ndarray) -> Prediction:
-        """The simulated means with intervals: draws as the surrogate predicts them, moved to the simulated means."""
+        """Predict the simulated means with intervals: draws by the surrogate, moved to the simulated means."""
         draws, prints = simulator.draw(_N_DRAWS, seed), PrintFactors.of(held_out, simulated_n)
         draws_n = np.array([surrogate.predict_steps(theta, effects) for theta, effects in draws])
         draws_n += prints.factor[:, None] * simulated_n - draws_n.mean(axis=0)
@@ -221,7 +221,7 @@ def evaluate_rounds(rounds: Sequence[Round], seed: int) -> Evaluation:
 
 
 def judge(search: SearchInputs, rounds: Sequence[Round], present: SimulatorVersion) -> Verdict:
-    """Whether the simulator that the rounds ended with may replace the present one, which the lake is told.
+    """Judge whether the simulator that the rounds ended with may replace the present one; the lake is told.
 
     What a round has named or dropped has been judged in that round. Where nothing was, theta alone is new, and is
     accepted if it makes the error of held-out grasps smaller.
@@ -250,7 +250,7 @@ def judge(search: SearchInputs, rounds: Sequence[Round], present: SimulatorVersi
 
 
 def _with_bank(wide: SearchInputs, plan: BankPlan) -> SearchInputs:
-    """The search in another bank, of which what the lake lacks is simulated."""
+    """Return the search in another bank, of which what the lake lacks is simulated."""
     around = (wide.base, wide.data.grasps.cells, plan)
     note_bank(wide.lake, wide.gap_id, wide.campaign_id, plan)
     wide.simulate(LOCAL_BANK, plan_bank(*around))
@@ -261,7 +261,7 @@ def _with_bank(wide: SearchInputs, plan: BankPlan) -> SearchInputs:
 def _find_refusal(
     search: SearchInputs, before: CalibratedSimulator, after: CalibratedSimulator, effects: Sequence[str]
 ) -> str:
-    """Why effects are not added to the simulator; empty if they make the error of held-out grasps smaller."""
+    """Say why effects are not added to the simulator; empty if they make the error of held-out grasps smaller."""
     search.simulate(HELD_OUT, plan_held_out(search.data, [before.version, after.version]))
     held_out, _, before_n, after_n = _compare_held_out(search, (before, after))
     change = measure_change(held_out, before_n, after_n, search.settings.seed)
@@ -271,7 +271,7 @@ def _find_refusal(
 def _compare_held_out(
     search: SearchInputs, simulators: tuple[CalibratedSimulator, CalibratedSimulator]
 ) -> tuple[HeldOut, np.ndarray, np.ndarray, np.ndarray]:
-    """Held-out grasps that both simulators have simulated, their rows, and the step means of each (m x 120)."""
+    """Return held-out grasps that both simulators have simulated, their rows, and step means of each (m x 120)."""
     steps_n = [_simulate_held_out(search.lake, search.data, simulator) for simulator in simulators]
     rows = np.flatnonzero(np.isfinite(np.array(steps_n)).all(axis=(0, 2)))
     held_out = HeldOut.of(search.data, simulators[0].version.theta, rows)
@@ -279,14 +279,14 @@ def _compare_held_out(
 
 
 def _compute_residuals(fit: Fit) -> Residuals:
-    """What the calibrated simulator leaves of the grasps to learn from."""
+    """Compute what the calibrated simulator leaves of the grasps to learn from."""
     surrogate = fit.features.surrogate
     predicted_n = surrogate.predict_steps(fit.theta, fit.effects, fit.tool_factor)
     return Residuals.of(surrogate, predicted_n, float(fit.theta[0]))
 
 
 def _with_posterior(named: Decision, simulator: CalibratedSimulator) -> Decision:
-    """The answer with the parameters of the joint posterior instead of the fit's."""
+    """Return the answer with the parameters of the joint posterior instead of the fit's."""
     effect = named.effects[0]
     estimates = simulator.estimate_parameters([effect])
     found = {name.partition(".")[2]: value for name, value in estimates.items()}
@@ -301,7 +301,7 @@ def _with_posterior(named: Decision, simulator: CalibratedSimulator) -> Decision
 
 
 def _compute_patternless(fit: Fit) -> float:
-    """Root mean square of what a fit leaves of the means of cells over the force of the lift, N."""
+    """Compute the root mean square of what a fit leaves of the means of cells over the force of the lift, N."""
     features = fit.features
     rest_n = (features.measured - fit.modelled)[:, :N_BINS]
     cells = [rest_n[rows].mean(axis=1) for rows in features.cells]
@@ -309,7 +309,7 @@ def _compute_patternless(fit: Fit) -> float:
 
 
 def _simulate_held_out(lake: Lake, data: GapData, simulator: CalibratedSimulator) -> np.ndarray:
-    """Step means of held-out grasps by a simulator, m x 120, from the lake; NaN where one is missing or failed."""
+    """Return step means of held-out grasps by a simulator, m x 120, from the lake; NaN where missing or failed."""
     version = simulator.version
     surrogate, solid = data.held_out, keep_simulated_effects(version)
     steps_n = read_simulated_steps(lake, [solid], data.grasps.cells)[:, :, 0]
@@ -321,6 +321,6 @@ def _simulate_held_out(lake: Lake, data: GapData, simulator: CalibratedSimulator
 
 
 def _step_noise_sd_n(data: GapData) -> float:
-    """Standard deviation of a step's mean by noise of the load cell, in N."""
+    """Compute the standard deviation of a step's mean by noise of the load cell, in N."""
     grasps = data.grasps
     return float(np.sqrt(grasps.noise.step_covariance(N_STEPS, grasps.base_setup.lift_speed_mm_per_s)[0, 0]))

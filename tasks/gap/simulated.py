@@ -26,7 +26,7 @@ _Name = TypeVar("_Name")
 
 
 def read_simulated(path: Path, grasps: Grasps) -> np.ndarray:
-    """Step means (n x 120, N) of measured grasps as a file has their tools and objects; behind its end a force is 0.
+    """Read step means (n x 120, N) of measured grasps from a file by tool and object; behind its end a force is 0.
 
     Objects are numbers, or names that this process knows (`tasks.objects.own_objects` for own ones).
 
@@ -122,6 +122,6 @@ def read_curves(path: Path, columns: Sequence[str], name: Callable[[CsvRow], _Na
 
 
 def _average(points: np.ndarray) -> np.ndarray:
-    """Means over steps of the lift (120) of a curve (m x 2), straight between its points."""
+    """Compute means over steps of the lift (120) of a curve (m x 2), straight between its points."""
     at_mm = STEP_MM * (np.arange(N_STEPS * _FINER) + 0.5) / _FINER
     return np.asarray(np.interp(at_mm, points[:, 0], points[:, 1], right=0.0).reshape(N_STEPS, _FINER).mean(axis=1))

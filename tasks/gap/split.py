@@ -41,7 +41,7 @@ class Split:
         return f"{sum(designs)} of {len(designs)} designs and {sum(objects)} of {len(objects)} objects"
 
     def json(self) -> str:
-        """The split as it is kept in the lake."""
+        """Return the split as it is kept in the lake."""
         return json.dumps(self._payload(), sort_keys=True)
 
     def _payload(self) -> dict[str, dict[str, bool]]:
@@ -51,7 +51,7 @@ class Split:
 def freeze_split(
     lake: Lake, campaign_id: str | None, design_ids: Sequence[str], object_ids: Sequence[int], seed: int
 ) -> Split:
-    """The split of these designs and objects, from the lake or made now and written there.
+    """Return the split of these designs and objects, from the lake or made now and written there.
 
     Raises:
         TooLittleDataError: there are too few designs or objects to hold any out.
@@ -71,7 +71,7 @@ def freeze_split(
 
 
 def _extend(known: Split, design_ids: Sequence[str], object_ids: Sequence[int], seed: int) -> Split:
-    """The split with those it lacks; shares are of all, so that later ones make up for what came before."""
+    """Extend the split by those it lacks; shares are of all, so that later ones make up for what came before."""
     rng = np.random.default_rng(seed_from(seed, "gap split", len(known.designs), len(known.objects)))
     all_designs = list(dict.fromkeys([*known.designs, *design_ids]))
     all_objects = list(dict.fromkeys([*known.objects, *object_ids]))
@@ -85,7 +85,7 @@ def _extend(known: Split, design_ids: Sequence[str], object_ids: Sequence[int], 
 def _hold_out(
     known: Mapping[str, bool], class_of: Mapping[str, str], rng: np.random.Generator, share: float
 ) -> dict[str, bool]:
-    """What is known, with the others of `class_of`: a share of all held out, always from the class due the most."""
+    """Return what is known with the others of `class_of`: hold out a share of all, from the class due the most."""
     held = {key: known.get(key, False) for key in class_of}
     size = Counter(class_of.values())
     taken = Counter(class_of[key] for key, is_held in held.items() if is_held)

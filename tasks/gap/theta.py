@@ -59,13 +59,13 @@ class TraceData(CalibrationData):
 
 
 def count_training(training: Surrogate) -> dict[str, int]:
-    """How many designs and objects a calibration learns from, as columns of its row."""
+    """Count the designs and objects a calibration learns from, as columns of its row."""
     grasps = training.grasps
     return {"n_designs": len(np.unique(grasps.tool)), "n_objects": len(np.unique(grasps.obj))}
 
 
 def plan_grid(measured: MeasuredGrasps, base: SimulatorVersion) -> tuple[SimulationPlan, ...]:
-    """Everything that a calibration of `base` on these traces wants simulated, whether or not the lake has it.
+    """List everything that a calibration of `base` on these traces wants simulated, whether or not the lake has it.
 
     Raises:
         UsageError: forces of `base` do not scale with Young's modulus.
@@ -82,7 +82,7 @@ def plan_grid(measured: MeasuredGrasps, base: SimulatorVersion) -> tuple[Simulat
 
 
 def plan_middle(measured: MeasuredGrasps, base: SimulatorVersion) -> tuple[SimulationPlan, ...]:
-    """The point of the grid that is simulated first: it says whether the measured forces are in N."""
+    """Plan the point of the grid that is simulated first: it says whether the measured forces are in N."""
     return plan_cells([_find_middle(base)], measured.grasps.cells)
 
 
@@ -104,7 +104,7 @@ def _find_middle(base: SimulatorVersion) -> SimulatorVersion:
 
 
 def gather_traces(lake: Lake, measured: MeasuredGrasps, base: SimulatorVersion, campaign_id: str | None) -> TraceData:
-    """What a calibration on traces compares: measured grasps with what the lake has of their simulations.
+    """Gather what a calibration on traces compares: measured grasps with what the lake has of their simulations.
 
     Raises:
         UsageError: nothing around them is simulated, or the forces are not in N.

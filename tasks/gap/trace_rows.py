@@ -12,7 +12,7 @@ from fast.models.records import Design, GraspSetup, Placement, Trace
 
 
 def measured_grasps(lake: Lake, campaign_id: str | None) -> list[GraspRow]:
-    """Grasps that ended well, the last attempt of each repeat, by tool, object, repeat and setup.
+    """List grasps that ended well, the last attempt of each repeat, by tool, object, repeat and setup.
 
     Raises:
         UsageError: nothing was measured, or on several benches, or a repeat was imported twice.
@@ -29,7 +29,7 @@ def measured_grasps(lake: Lake, campaign_id: str | None) -> list[GraspRow]:
 
 
 def require_one_bench(pairs: Iterable[tuple[str, str]], place: str) -> None:
-    """Raises UsageError where a lab measured on several benches; those of several labs are fitted jointly.
+    """Raise UsageError where a lab measured on several benches; those of several labs are fitted jointly.
 
     pairs: (lab, bench) of each grasp, lab empty where it has no name.
     """
@@ -46,14 +46,14 @@ def require_one_bench(pairs: Iterable[tuple[str, str]], place: str) -> None:
 
 
 def find_base_setup(rows: Sequence[GraspRow]) -> GraspSetup:
-    """The setup of ordinary grasps: that of most which nobody asked for, with the object at its nominal place."""
+    """Find the setup of ordinary grasps: that of most which nobody asked for, the object at its nominal place."""
     usual = [row for row in rows if row.request_id is None and row.placement == Placement()]
     counts = Counter(row.setup_json for row in sorted(usual or rows, key=lambda row: row.setup_id))
     return GraspSetup.model_validate_json(counts.most_common(1)[0][0])
 
 
 def designs_of(lake: Lake, design_ids: Sequence[str]) -> dict[str, Design]:
-    """Designs by the id that rows of grasps have, which may be another lab's.
+    """Return designs by the id that rows of grasps have, which may be another lab's.
 
     Raises:
         UsageError: the lake lacks one.
@@ -69,7 +69,7 @@ def designs_of(lake: Lake, design_ids: Sequence[str]) -> dict[str, Design]:
 def read_traces(
     lake: Lake, table: type[TraceRow] | type[SimTraceRow], ids: Sequence[str]
 ) -> Iterator[tuple[str, Trace]]:
-    """Traces by id, as far as there are any, in one query.
+    """Read traces by id, as far as there are any, in one query.
 
     Raises:
         UsageError: the channels of a trace differ in length.
@@ -86,7 +86,7 @@ def read_traces(
 
 
 def _key(row: GraspRow) -> tuple[str, int, int, str, str, str]:
-    """Which grasp a row is an attempt of."""
+    """Tell which grasp a row is an attempt of."""
     return row.tool_id, row.object_id, row.repeat, row.setup_id, row.request_id or "", row.lab or ""
 
 

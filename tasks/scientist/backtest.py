@@ -15,7 +15,7 @@ _FIRST = 0.25  # of the measured tools, with which a replay begins
 
 
 def backtest(campaign: Campaign, n_replays: int, progress: Callable[[str], None]) -> list[dict[str, Any]]:
-    """Replays with batches of the campaign's size and of half of it, for each measured objective and the mean force.
+    """Run replays with batches of the campaign's size and half of it, for each measured objective and the mean force.
 
     Rows of `models.scientist.backtest.ReplayRow` with the objective.
 

@@ -18,7 +18,7 @@ from fast.tasks.scientist.observe import observe, observe_objects, outcomes_of_t
 def make_criteria(
     campaign: Campaign, batch: int, closed: Iterable[int], mean_peak: Surrogate, state: CampaignState
 ) -> list[Criterion]:
-    """Objectives and limits with their surrogates, fitted and recorded; none where the config asks for nothing else.
+    """Make objectives and limits with their surrogates, fitted and recorded; none where the config asks nothing else.
 
     Raises:
         UsageError: an outcome is asked for that the grasps do not have.
@@ -48,12 +48,12 @@ def make_criteria(
 
 
 def _make_known(campaign: Campaign, name: str) -> Any:
-    """What is known of designs as a function of their points."""
+    """Return what is known of designs as a function of their points."""
     return lambda points: np.array([known_of(name, design) for design in campaign.space.from_unit(points)])
 
 
 def list_outcomes(campaign: Campaign, state: CampaignState) -> list[dict[str, Any]]:
-    """Measured tools with every objective and limit, and whether they keep the limits and lie on the front.
+    """List measured tools with every objective and limit, and whether they keep the limits and lie on the front.
 
     The front is of those that keep the limits. Best first by the first objective. Tools without one of the outcomes are
     left out.

@@ -103,14 +103,14 @@ def _outcome_row(campaign: Campaign, batch: int, surrogate: Surrogate, seed: int
 
 
 def in_units_of(campaign: Campaign, data: ObservationSet) -> ObservationSet:
-    """The observations as the campaign's surrogate takes them: forces, or their logarithms."""
+    """Return the observations as the campaign's surrogate takes them: forces, or their logarithms."""
     return data.in_logs() if campaign.config.scientist.surrogate == LOG else data
 
 
 def surrogate_for_simulation(
     campaign: Campaign, batch: int, index: int, data: ObservationSet, rows: Callable[[], Sequence[str]]
 ) -> tuple[Surrogate, str]:
-    """The surrogate that the next simulation is chosen with, and the id of its fit.
+    """Return the surrogate that the next simulation is chosen with, and the id of its fit.
 
     The last fit of the batch, conditioned on all data, while these have grown little; then a new fit, recorded, that
     starts from the last. Which it is depends on the lake alone, so that a restart changes no proposal.
@@ -128,7 +128,7 @@ def surrogate_for_simulation(
 
 
 def fitted_before(row: Mapping[str, Any], data: ObservationSet) -> Surrogate:
-    """The surrogate of a row of `fits`, conditioned on `data`; prior campaigns that it left aside stay so."""
+    """Return the surrogate of a row of `fits`, conditioned on `data`; prior campaigns it left aside stay so."""
     parameters = _parameters(row)
     with one_blas_thread():
         return Surrogate.condition(data if parameters.priors else data.of_this_campaign(), parameters)
@@ -141,7 +141,7 @@ def _last_fit(campaign: Campaign, batch: int) -> dict[str, Any] | None:
 
 
 def _is_outgrown(last: Mapping[str, Any], data: ObservationSet) -> bool:
-    """Whether the data have grown so much since a fit that hyperparameters are worth fitting again."""
+    """Return whether the data have grown so much since a fit that hyperparameters are worth fitting again."""
     least = last["n_sim"] + max(REFIT_LEAST, REFIT_SHARE * last["n_sim"])
     return bool(data.n_real != last["n_real"] or data.n_sim >= least)
 
@@ -165,7 +165,7 @@ def _parameters(row: Mapping[str, Any]) -> SurrogateParameters:
 
 
 def tools_fit_id(campaign: Campaign, batch: int, data: ObservationSet) -> str:
-    """Id of the fit that the tools of a batch are chosen with."""
+    """Return the id of the fit that the tools of a batch are chosen with."""
     return content_id("F", [campaign.campaign_id, batch, data.n_real, data.n_sim])
 
 

@@ -32,7 +32,7 @@ _DRAWS = 4  # new designs drawn for each that is kept
 
 
 def choose_designs(campaign: Campaign, stage: int, n: int) -> list[Design]:
-    """At most n designs for the night before a stage, of which the new ones become proposals of the campaign.
+    """Choose at most n designs for the night before a stage, of which the new ones become proposals of the campaign.
 
     Measured tools come first, the best first: they show where the new version is wrong, and what it changes in the
     ranking. Then in turn: the best of the designs simulated before, a new design around the best, a new one anywhere.
@@ -66,7 +66,7 @@ def _best_first(means: Means) -> list[str]:
 
 
 def _thin_out(data: ObservationSet, rng: np.random.Generator) -> ObservationSet:
-    """All tools, and of many simulations the best and a random part."""
+    """Keep all tools, and of many simulations the best and a random part."""
     rows = np.flatnonzero(data.s == SIM)
     if len(rows) > _N_FITTED:
         rows = rows[np.argsort(-data.y[rows], kind="stable")]
@@ -77,7 +77,7 @@ def _thin_out(data: ObservationSet, rng: np.random.Generator) -> ObservationSet:
 
 
 def _rank(campaign: Campaign, surrogate: Surrogate, designs: list[Design]) -> list[Design]:
-    """Designs by the force that a bench is expected to measure, best first."""
+    """Order designs by the force that a bench is expected to measure, best first."""
     if not designs:
         return []
     mean_n = surrogate.mean(campaign.space.to_unit(designs), REAL)
@@ -85,7 +85,7 @@ def _rank(campaign: Campaign, surrogate: Surrogate, designs: list[Design]) -> li
 
 
 def _draw_near(campaign: Campaign, surrogate: Surrogate, n: int, rng: np.random.Generator) -> np.ndarray:
-    """New points around the best known designs, n x d, by mean and one standard deviation, the largest first."""
+    """Draw new points near the best known designs, n x d, by mean and one standard deviation, the largest first."""
     known = surrogate.data.x
     centres = np.clip(known[np.argsort(-surrogate.mean(known, REAL), kind="stable")[:_N_CENTRES]], 0.0, 1.0)
     points = centres[rng.integers(len(centres), size=_DRAWS * n)]

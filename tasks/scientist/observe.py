@@ -66,7 +66,7 @@ NO_MEANS = Means((), np.zeros(0), np.zeros(0))
 def observe(
     campaign: Campaign, state: CampaignState, batches: Iterable[int], outcome: Outcome = MEAN_PEAK
 ) -> ObservationSet:
-    """Observations of the closed `batches` and of all designs of the campaign that are simulated on every object.
+    """Return observations of the closed `batches` and all designs of the campaign that are simulated on every object.
 
     A measured tool counts as the finger that was printed, with its thicknesses as measured, not as the one that was
     asked for. Objects without a value (given up on the bench, failed in simulation) are predicted from the others.
@@ -96,7 +96,7 @@ def observe(
 
 
 def _of_copies(campaign: Campaign, data: ObservationSet) -> ObservationSet:
-    """Mean peak forces less what copies of the same drawings lose, by a surrogate of the forces; none of too few."""
+    """Return mean peak forces less what copies of the same drawings lose, by a surrogate of forces; none of too few."""
     # A second of imports that a status does without.
     from fast.models.scientist.copies import lose_in_copies
     from fast.models.scientist.surrogate.fit import fit_surrogate
@@ -110,7 +110,7 @@ def _of_copies(campaign: Campaign, data: ObservationSet) -> ObservationSet:
 
 
 def observe_objects(campaign: Campaign, state: CampaignState, batches: Iterable[int], outcome: Outcome) -> ObjectValues:
-    """The values of `outcome` on every object: of measured tools, and of what the present simulator has done.
+    """Return the values of `outcome` on every object: of measured tools, and of what the present simulator has done.
 
     Of an outcome that is simulated alone, simulations stand in the place of measurements.
     """
@@ -130,18 +130,18 @@ def observe_objects(campaign: Campaign, state: CampaignState, batches: Iterable[
 
 
 def _simulated_designs(campaign: Campaign, state: CampaignState) -> dict[str, Design]:
-    """Designs whose simulations count: those that the campaign or a prior one has proposed, by id."""
+    """Return designs whose simulations count, those that the campaign or a prior one has proposed, by id."""
     return prior_designs(campaign) | proposed_designs(state)
 
 
 def older_simulations(campaign: Campaign, state: CampaignState) -> list[OlderSimulations]:
-    """What `observe` makes of simulations of older simulator versions, newest version first."""
+    """Return what `observe` makes of simulations of older simulator versions, newest version first."""
     designs = _simulated_designs(campaign, state)
     return _older(campaign, designs, _simulated_means(campaign, state, designs))
 
 
 def observed_rows(campaign: Campaign, state: CampaignState, batches: Iterable[int]) -> list[str]:
-    """Ids of the grasps and simulations that `observe` takes its means over, ordered."""
+    """List ids of the grasps and simulations that `observe` takes its means over, ordered."""
     tools, objects = {tool.tool_id for tool in _measured_tools(state, batches)}, set(campaign.object_ids)
     sql = f"SELECT grasp_id, tool_id, object_id FROM {_ORDINARY}"
     grasps = tuples(campaign.lake, sql, campaign.campaign_id)
@@ -159,13 +159,13 @@ def observed_rows(campaign: Campaign, state: CampaignState, batches: Iterable[in
 
 
 def proposed_designs(state: CampaignState) -> dict[str, Design]:
-    """All designs that the campaign has proposed, for the simulator or the printer, by id."""
+    """Return all designs that the campaign has proposed, for the simulator or the printer, by id."""
     proposed = [s.design for s in (*state.simulations, *state.night)] + [t.design for t in state.tools]
     return {design.design_id: design for design in proposed}
 
 
 def unfinished_tools(campaign: Campaign, state: CampaignState, batch: int) -> list[ProposedTool]:
-    """Printed tools of a confirmed batch with grasps still to be made; all of one that owes a second look."""
+    """List printed tools of a confirmed batch with grasps still to be made; all of one that owes a second look."""
     if not state.is_confirmed(batch):
         return []
     plan = campaign.config.objects.list_grasps(0)
@@ -177,19 +177,19 @@ def unfinished_tools(campaign: Campaign, state: CampaignState, batch: int) -> li
 
 
 def closed_batches(campaign: Campaign, state: CampaignState) -> list[int]:
-    """Batches that are confirmed and completely measured."""
+    """List batches that are confirmed and completely measured."""
     batches = sorted({tool.batch for tool in state.tools})
     return [b for b in batches if state.is_confirmed(b) and not unfinished_tools(campaign, state, b)]
 
 
 def means_of_tools(campaign: Campaign, state: CampaignState) -> Means:
-    """Mean measured force of every tool with a grasp, by tool id."""
+    """Return the mean measured force of every tool with a grasp, by tool id."""
     tools = _measured_tools(state, {tool.batch for tool in state.tools})
     return _means([t.tool_id for t in tools], _tool_forces(campaign, tools))
 
 
 def outcomes_of_tools(campaign: Campaign, state: CampaignState, outcome: Outcome) -> dict[str, float]:
-    """An outcome of every measured tool that has it, by tool id; one that is simulated alone is that of the design."""
+    """Return an outcome of every measured tool that has it, by tool id; one only simulated is that of the design."""
     tools = _measured_tools(state, {tool.batch for tool in state.tools})
     if outcome.is_simulated:
         found = _simulated_means(campaign, state, {tool.design.design_id: tool.design for tool in tools}, outcome)
@@ -205,7 +205,7 @@ def outcomes_of_tools(campaign: Campaign, state: CampaignState, outcome: Outcome
 def means_of_simulations(
     campaign: Campaign, version: SimulatorVersion, designs: Mapping[str, Design], outcome: Outcome = MEAN_PEAK
 ) -> Means:
-    """Mean force that a simulator version gives for those of the designs that it has done on every object."""
+    """Return the mean force that a simulator version gives for those designs that it has done on every object."""
     complete = _complete_before(campaign, version, designs)
     return _means(complete, _simulated_forces(campaign, version, complete, outcome), outcome)
 
@@ -223,12 +223,12 @@ def _simulated_means(
 
 
 def _complete(campaign: Campaign, state: CampaignState, designs: Iterable[str]) -> list[str]:
-    """Designs that the present version has simulated on every object."""
+    """List designs that the present version has simulated on every object."""
     return [design_id for design_id in designs if not state.missing_objects(design_id, campaign.object_ids)]
 
 
 def _complete_before(campaign: Campaign, version: SimulatorVersion, designs: Iterable[str]) -> list[str]:
-    """Designs that a version has simulated on every object, with success or without."""
+    """List designs that a version has simulated on every object, with success or without."""
     done: dict[str, set[int]] = {}
     for design_id, object_id in _simulation_rows(campaign, version, "design_id, object_id", "true"):
         done.setdefault(design_id, set()).add(object_id)
@@ -239,7 +239,7 @@ def _complete_before(campaign: Campaign, version: SimulatorVersion, designs: Ite
 def _older(
     campaign: Campaign, designs: Mapping[str, Design], present: Means, outcome: Outcome = MEAN_PEAK
 ) -> list[OlderSimulations]:
-    """Older versions mapped to the present; each design counts once, by the newest version that has it."""
+    """Map older versions to the present; each design counts once, by the newest version that has it."""
     parts, taken = [], set(present.ids)
     for version in campaign.older_versions:
         old = means_of_simulations(campaign, version, designs, outcome)
@@ -254,7 +254,7 @@ def _older(
 
 
 def _fit_map(old: Means, present: Means) -> tuple[VersionMap | None, int]:
-    """The line through the designs that both have done without a failure, and how many they are."""
+    """Fit the line through the designs that both have done without a failure, and count them."""
     known = {i: y for i, y, variance in zip(*present, strict=True) if variance == 0.0}
     shared = [(y, known[i]) for i, y, variance in zip(*old, strict=True) if variance == 0.0 and i in known]
     pairs = np.array(shared).reshape(-1, 2)
@@ -268,7 +268,7 @@ def _mapped(old: Means, version_map: VersionMap, rows: np.ndarray) -> Means:
 
 
 def _tool_forces(campaign: Campaign, tools: Sequence[ProposedTool], outcome: Outcome = MEAN_PEAK) -> np.ndarray:
-    """Mean over the repeats, n_tools x n_objects in N (work: J), NaN where nothing was measured."""
+    """Return the mean over the repeats, n_tools x n_objects in N (work: J), NaN where nothing was measured."""
     row_of = {t.tool_id: i for i, t in enumerate(tools)}
     column_of = {o: i for i, o in enumerate(campaign.object_ids)}
     total, count = np.zeros((2, len(row_of), len(column_of)))
@@ -284,7 +284,7 @@ def _tool_forces(campaign: Campaign, tools: Sequence[ProposedTool], outcome: Out
 def _simulated_forces(
     campaign: Campaign, version: SimulatorVersion, design_ids: Sequence[str], outcome: Outcome = MEAN_PEAK
 ) -> np.ndarray:
-    """An outcome of simulations, n_designs x n_objects in N (work: J), NaN where the simulation failed.
+    """Return an outcome of simulations, n_designs x n_objects in N (work: J), NaN where the simulation failed.
 
     What versions of the campaign gave that differ in Young's modulus alone is scaled to `version`, which goes first.
     """
@@ -308,7 +308,7 @@ def _simulated_forces(
 def _simulation_rows(
     campaign: Campaign, version: SimulatorVersion, columns: str, where: str = "status = 'ok'"
 ) -> Iterable[tuple]:
-    """Rows of `simulations` by a version of the campaign, and by those with the same results but for the modulus."""
+    """Return rows of `simulations` by a campaign's version and those with equal results but for the modulus."""
     version_ids: Collection[str] = campaign.force_ratios(version)
     marks = ", ".join("?" * len(version_ids))
     sql = f"SELECT {columns} FROM simulations WHERE setup_id = ? AND version_id IN ({marks}) AND {where}"
@@ -316,7 +316,7 @@ def _simulation_rows(
 
 
 def _means(ids: Sequence[str], forces: np.ndarray, outcome: Outcome = MEAN_PEAK) -> Means:
-    """The outcome of each design; one that has not a single value tells nothing and is left out."""
+    """Return the outcome of each design; leave out one that has not a single value, as it tells nothing."""
     has_value = np.isfinite(forces).any(axis=1)
     if not has_value.any():
         return NO_MEANS

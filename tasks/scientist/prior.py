@@ -42,12 +42,12 @@ class PriorTools:
 
 
 def read_prior(campaign: Campaign) -> list[PriorTools]:
-    """Measured tools of the campaigns that `scientist.prior_campaigns` names, in that order; none without any."""
+    """Read measured tools of the campaigns that `scientist.prior_campaigns` names, in that order; none without any."""
     return [_read_tools(campaign, name) for name in campaign.config.scientist.prior_campaigns]
 
 
 def prior_designs(campaign: Campaign) -> dict[str, Design]:
-    """Designs that prior campaigns proposed and this one could, by id: what the same simulator said of them counts."""
+    """Return designs prior campaigns proposed and this could, by id: what the same simulator said of them counts."""
     names = list(campaign.config.scientist.prior_campaigns)
     if not names:
         return {}
@@ -116,12 +116,12 @@ def _read_tools(campaign: Campaign, prior_id: str) -> PriorTools:
 
 
 def _point(campaign: Campaign, tool: ProposedTool) -> np.ndarray:
-    """The finger as printed, d unit-cube coordinates; empty where the campaign's space does not have its design."""
+    """Return the finger as printed, d unit-cube coordinates; empty where the campaign's space lacks its design."""
     return tool.mounted_point(campaign.space) if _is_inside(campaign, tool.design) else np.zeros(0)
 
 
 def _is_inside(campaign: Campaign, design: Design) -> bool:
-    """Whether a design is of the campaign's family and within its ranges."""
+    """Return whether a design is of the campaign's family and within its ranges."""
     if type(design) is not campaign.space.family:
         return False
     point = campaign.space.to_unit([design])[0]

@@ -73,13 +73,13 @@ def propose_stage(campaign: Campaign, stage: int) -> list[int]:
 
 
 def propose_initial(campaign: Campaign) -> None:
-    """Random designs for the initial simulations and the initial trays (the paper: 50 and 30)."""
+    """Propose random designs for the initial simulations and the initial trays (the paper: 50 and 30)."""
     propose_initial_simulations(campaign)
     propose_initial_tools(campaign)
 
 
 def propose_initial_simulations(campaign: Campaign) -> None:
-    """Random designs to simulate."""
+    """Propose random designs to simulate."""
     schedule = campaign.config.schedule
     seed = campaign.seed("initial simulations")
     last = schedule.batches_of(0)[-1]
@@ -90,14 +90,14 @@ def propose_initial_simulations(campaign: Campaign) -> None:
 
 
 def draw_first_designs(campaign: Campaign) -> list[Design]:
-    """Designs of the initial batches as the campaign will propose them: one's own, and random ones."""
+    """Draw designs of the initial batches as the campaign will propose them: one's own, and random ones."""
     batches = campaign.config.schedule.batches_of(0)
     own = [one.design for batch in batches for one in campaign.own_designs.get(batch, ())]
     return [*own, *(design for designs in _draw_initial(campaign).values() for design in designs)]
 
 
 def propose_initial_tools(campaign: Campaign) -> None:
-    """Designs of one's own and random ones to print, for the initial batches that have none yet."""
+    """Propose designs of one's own and random ones to print, for the initial batches that have none yet."""
     state = campaign.state()
     for batch, designs in _draw_initial(campaign).items():
         chosen = [ProposedDesign(design=design, value=0.0) for design in designs]
@@ -106,7 +106,7 @@ def propose_initial_tools(campaign: Campaign) -> None:
 
 
 def _draw_initial(campaign: Campaign) -> dict[int, list[Design]]:
-    """Random designs of each initial batch, beside those of one's own; alike where the schedule wants it."""
+    """Draw random designs of each initial batch, beside those of one's own; alike where the schedule wants it."""
     schedule, rng = campaign.config.schedule, np.random.default_rng(campaign.seed(_INITIAL_TOOLS))
     own = {batch: [one.design for one in campaign.own_designs.get(batch, ())] for batch in schedule.batches_of(0)}
     n_random = {batch: schedule.tools_of(batch) - len(designs) for batch, designs in own.items()}
@@ -122,7 +122,7 @@ def _draw_initial(campaign: Campaign) -> dict[int, list[Design]]:
 
 
 def _pin(campaign: Campaign, designs: Sequence[Design]) -> dict[int, float]:
-    """Unit-cube values that the tools of a batch share with the first of these designs, by column; none without any."""
+    """Return unit-cube values that tools of a batch share with the first of these designs, by column; or none."""
     if not designs:
         return {}
     point = campaign.space.to_unit(designs[:1])[0]
@@ -133,7 +133,7 @@ def _pin(campaign: Campaign, designs: Sequence[Design]) -> dict[int, float]:
 def _random_tools(
     campaign: Campaign, n: int, rng: np.random.Generator, pinned: Mapping[int, float] = {}
 ) -> list[Design]:
-    """Random designs to print, without those that break a rule of printing or a constraint of one's own.
+    """Draw random designs to print, without those that break a rule of printing or a constraint of one's own.
 
     pinned: unit-cube values that all have, by column.
 
@@ -156,7 +156,7 @@ def _random_tools(
 
 
 def propose_guided(campaign: Campaign, batch: int) -> None:
-    """Tools of a guided batch, with the surrogate fitted to all that was measured and simulated before."""
+    """Propose tools of a guided batch, with the surrogate fitted to all that was measured and simulated before."""
     state = campaign.state()
     closed = range(1, batch)
     data = observe(campaign, state, closed)
@@ -167,7 +167,7 @@ def propose_guided(campaign: Campaign, batch: int) -> None:
 
 
 def propose_simulated(campaign: Campaign, batch: int, index: int, state: CampaignState) -> None:
-    """One more design to simulate, with the surrogate conditioned on all that is known in `state`."""
+    """Propose one more design to simulate, with the surrogate conditioned on all that is known in `state`."""
     closed = closed_batches(campaign, state)
     data = observe(campaign, state, closed)
     surrogate, fit_id = surrogate_for_simulation(
@@ -184,7 +184,7 @@ def propose_tools(
     state: CampaignState,
     criteria: Sequence[Criterion] = (),
 ) -> None:
-    """The next batch for the gantry, chosen jointly, given the simulations that are still running.
+    """Propose the next batch for the gantry, chosen jointly, given the simulations that are still running.
 
     criteria: objectives and limits; none: the largest mean peak force.
     """
@@ -236,7 +236,7 @@ def propose_tools(
 def _choose_simpler(
     campaign: Campaign, batch: int, surrogate: Surrogate, state: CampaignState
 ) -> dict[str, ProposedDesign]:
-    """Simpler fingers that the schedule wants in each guided batch, by a name of the lake's own; none twice.
+    """Choose simpler fingers that the schedule wants in each guided batch, by a name of the lake's own; none twice.
 
     Designs of one's own go first where a batch has no room for all.
     """
@@ -258,7 +258,7 @@ def _choose_simpler(
 def propose_simulation(
     campaign: Campaign, batch: int, index: int, surrogate: Surrogate, fit_id: str, state: CampaignState
 ) -> None:
-    """One more design for the simulator, given what is simulated, printed and measured right now."""
+    """Propose one more design for the simulator, given what is simulated, printed and measured right now."""
     seed = campaign.seed("simulation", batch, index)
     scientist = campaign.config.scientist
     pending = pending_points(campaign, state, SIM)
@@ -278,7 +278,7 @@ def propose_simulation(
 def find_room(
     campaign: Campaign, taken: Sequence[Design], rejected: Sequence[Design] = (), min_distance: float = 0.0
 ) -> Room:
-    """Where designs of a campaign may lie that are not taken."""
+    """Find where designs of a campaign may lie that are not taken."""
     return Room(
         space=campaign.space,
         printing=campaign.config.proposal_rules,
@@ -290,7 +290,7 @@ def find_room(
 
 
 def pending_points(campaign: Campaign, state: CampaignState, fidelity: int) -> np.ndarray:
-    """Designs of which an outcome is still to come as points (x, s), m x (d + 1): s is 1 for tools, 0 for simulations.
+    """Return designs with an outcome still to come as points (x, s), m x (d + 1): s is 1 for tools, 0 for simulations.
 
     Tools of a batch that is not closed are not learned from yet, measured or not. A design that the simulator could do
     on no object has no outcome to come. Where simulations are chosen (`fidelity` 0) it counts all the same: simulations
@@ -310,7 +310,7 @@ def pending_points(campaign: Campaign, state: CampaignState, fidelity: int) -> n
 
 
 def simulated_designs(campaign: Campaign, state: CampaignState) -> list[Design]:
-    """Designs that the campaign simulates, has simulated or will: what was proposed for it, and the tools."""
+    """List designs that the campaign simulates, has simulated or will: those proposed for it, and the tools."""
     designs = {s.design.design_id: s.design for s in state.simulations}
     if campaign.config.simulator.simulate_tools:
         designs |= {t.design.design_id: t.design for t in state.tools}

@@ -26,7 +26,7 @@ class SimplerFinger(Record):
 def find_simpler_fingers(
     campaign: Campaign, worlds: Worlds, rng: np.random.Generator, taken: np.ndarray | None = None
 ) -> list[SimplerFinger]:
-    """One for each criterion by which there is one that may be printed.
+    """Find one for each criterion by which there is one that may be printed.
 
     taken: points (k x d, unit cube) that it must not be near, since they are printed already; none: it may be one of
     them.
@@ -46,6 +46,6 @@ def find_simpler_fingers(
 
 
 def best_measured_point(surrogate: Surrogate) -> np.ndarray:
-    """The measured finger with the largest predicted outcome, d."""
+    """Return the measured finger with the largest predicted outcome, d."""
     x = surrogate.data.x[surrogate.data.s == REAL]
     return np.asarray(np.clip(x[np.argmax(surrogate.mean(x, REAL))], 0.0, 1.0))

@@ -25,7 +25,7 @@ _NOTHING = 1e-6  # of the simulations' spread: stands for a discrepancy that is 
 
 
 def propose_improvement(campaign: Campaign, batch: int, index: int, state: CampaignState) -> None:
-    """One more design to simulate, by expected improvement of the simulated force itself."""
+    """Propose one more design to simulate, by expected improvement of the simulated force itself."""
     seed = campaign.seed("simulation", batch, index)
     data = observe(campaign, state, ()).of_this_campaign()
     surrogate, fit_id = surrogate_for_simulation(
@@ -46,7 +46,7 @@ def propose_improvement(campaign: Campaign, batch: int, index: int, state: Campa
 
 
 def propose_best_simulated(campaign: Campaign, batch: int, state: CampaignState) -> None:
-    """The tools of a batch: the designs with the largest mean simulated force, best first."""
+    """Propose the tools of a batch: the designs with the largest mean simulated force, best first."""
     designs = proposed_designs(state)
     means = means_of_simulations(campaign, campaign.version, designs)
     best = np.argsort(-means.y, kind="stable")[: campaign.config.schedule.tools_of(batch)]
@@ -56,7 +56,7 @@ def propose_best_simulated(campaign: Campaign, batch: int, state: CampaignState)
 
 
 def as_target(surrogate: Surrogate) -> Surrogate:
-    """The surrogate of simulations with these in the place of measurements, so that they are what is optimised."""
+    """Return the surrogate with simulations in the place of measurements, so that they are what is optimised."""
     p, data = surrogate.parameters, surrogate.data
     parameters = p.model_copy(
         update={"rho": 1.0, "sd_e": _NOTHING * p.sd_h, "noise_sd": p.nugget, "mean_real": p.mean_sim}

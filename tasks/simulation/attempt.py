@@ -134,7 +134,7 @@ def _max_rss_mb() -> float:
 
 @lru_cache(maxsize=MESHES_KEPT)
 def _mesh_of(design: Design, version_json: str, full_width: bool, lake_root: Path | None) -> SolidMesh:
-    """The mesh that this process made or read last time, else from the lake's cache, else a new one."""
+    """Return the mesh that this process made or read last time, else from the lake's cache, else a new one."""
     version = SimulatorVersion.model_validate_json(version_json)
     if lake_root is not None:
         return cached_mesh(lake_root, design, version, full_width=full_width)
@@ -143,7 +143,7 @@ def _mesh_of(design: Design, version_json: str, full_width: bool, lake_root: Pat
 
 
 def cached_mesh(lake_root: Path, design: Design, version: SimulatorVersion, *, full_width: bool) -> SolidMesh:
-    """The mesh of a design for a simulator version: from the cache beside the lake's tables, else made and cached.
+    """Return the mesh of a design for a simulator version: from the cache beside the lake's tables, else made, cached.
 
     It is cached by content, so that a mesher that is not repeatable runs once per body.
 
@@ -181,7 +181,7 @@ def _store_mesh(path: Path, mesh: SolidMesh) -> None:
 
 
 def await_attempt(worker: EngineWorker, job: GraspJob, future: "Future[Attempt]") -> Attempt:
-    """What the worker says; one that hangs is killed, one that died (once may be bad luck) is asked again."""
+    """Return what the worker says; kill one that hangs, ask again where one died (once may be bad luck)."""
     started = time.monotonic()
     limit_s = hang_limit_s(job.deadline_s)
     for attempt in range(ATTEMPTS):
@@ -199,11 +199,11 @@ def await_attempt(worker: EngineWorker, job: GraspJob, future: "Future[Attempt]"
 
 
 def hang_limit_s(deadline_s: float) -> float:
-    """Wall time after which a worker at a grasp with this deadline is taken to hang."""
+    """Return the wall time after which a worker at a grasp with this deadline is taken to hang."""
     return deadline_s + HANG_MARGIN_S
 
 
 def _lost(reason: str, message: str, started: float) -> Attempt:
-    """An attempt of which nobody is left to say what CPU time it took; at most its wall time."""
+    """Make an attempt of which nobody is left to say what CPU time it took; at most its wall time."""
     wall_s = time.monotonic() - started
     return Attempt(None, reason, message, cpu_s=wall_s, mesh_cpu_s=0.0, wall_s=wall_s)

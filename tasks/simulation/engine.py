@@ -16,7 +16,7 @@ class Engine(Protocol):
     """Lends workers, each to one user at a time: what a worker has prepared serves its user's next call."""
 
     def lend(self) -> AbstractContextManager[EngineWorker]:
-        """A worker for as long as the `with` block lasts; waits until one is idle."""
+        """Lend a worker for as long as the `with` block lasts; wait until one is idle."""
         ...
 
     def close(self) -> None:
@@ -25,7 +25,7 @@ class Engine(Protocol):
 
 
 def check_engine(address: str) -> str:
-    """The address of an engine, if it is one.
+    """Return the address of an engine, if it is one.
 
     Raises:
         ValueError: it is none, or a plain connection would leave this machine.
@@ -44,7 +44,7 @@ def check_engine(address: str) -> str:
 
 
 def open_engine(address: str, n_workers: int, limit_s: float) -> Engine:
-    """The engine at an address of `check_engine`, with at most `n_workers` of its workers in use.
+    """Open the engine at an address of `check_engine`, with at most `n_workers` of its workers in use.
 
     `limit_s` is the wall time after which a call to a worker elsewhere hangs; those of this machine are watched here.
 

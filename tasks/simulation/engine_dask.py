@@ -59,7 +59,7 @@ class DaskEngine:
 
     @contextmanager
     def lend(self) -> Iterator["DaskWorker"]:
-        """A slot for as long as the `with` block lasts; it prefers one worker, which keeps the meshes it made."""
+        """Lend a slot for as long as the `with` block lasts; prefer one worker, which keeps the meshes it made."""
         slot = self._idle.get()
         worker = DaskWorker(self, self._client, self._limit_s)
         try:
@@ -73,7 +73,7 @@ class DaskEngine:
         self._client.close()
 
     def present(self) -> list[str]:
-        """Addresses of the workers that are there now.
+        """Return the addresses of the workers that are there now.
 
         Raises:
             EngineError: the scheduler is gone.
@@ -84,7 +84,7 @@ class DaskEngine:
             raise lost(self.address) from error
 
     def least_lent(self, addresses: list[str]) -> str:
-        """Of some workers, the one with the fewest users."""
+        """Return, of some workers, the one with the fewest users."""
         with self._lock:
             return min(addresses, key=lambda address: (self._loans[address], address))
 
@@ -153,7 +153,7 @@ class DaskWorker:
 def run_watched(
     limit_s: float, solver: str, function: Callable[..., R], args: tuple[Any, ...], kwargs: dict[str, Any]
 ) -> R:
-    """Body of a call in a worker: checks that it is the worker the campaign wants, and ends it if the call hangs.
+    """Run a call in a worker: check that it is the worker the campaign wants, and end it if the call hangs.
 
     Raises:
         EngineError: other code, or several threads in one process.
@@ -180,12 +180,12 @@ def run_watched(
 
 
 def without_lake(value: Any) -> Any:
-    """A job as it leaves this machine: the lake's cache of meshes is a folder of this one."""
+    """Return a job as it leaves this machine: the lake's cache of meshes is a folder of this one."""
     return replace(value, lake_root=None) if isinstance(value, GraspJob) else value
 
 
 def lost(address: str) -> EngineError:
-    """The error for a scheduler that does not answer any more."""
+    """Make the error for a scheduler that does not answer any more."""
     return EngineError(
         f"the Dask scheduler of {address} is gone; what was simulated is in the lake. Start scheduler and workers, "
         "then give the same command again."
@@ -209,7 +209,7 @@ def _pass_on(engine: DaskEngine, done: "DaskFuture", promised: "Future[Any]") ->
 
 
 def _connect(address: str) -> "Client":
-    """A connection to the scheduler.
+    """Open a connection to the scheduler.
 
     Raises:
         MissingDependencyError: Dask is not installed.

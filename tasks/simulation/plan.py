@@ -46,7 +46,7 @@ class SimulationPlan:
         return find_setup_id(self.setup, self.placement)
 
     def provenance(self, parents: Sequence[str] = ()) -> Provenance:
-        """Provenance of the rows of this plan."""
+        """Return the provenance of the rows of this plan."""
         return current_provenance(self.config_hash, self.seed, parents)
 
 
@@ -101,7 +101,7 @@ def simulate_plan(
 
 
 def missing_objects(lake: Lake, plan: SimulationPlan) -> list[tuple[tuple[Design, SimulatorVersion], list[int]]]:
-    """Points of a plan with the objects that the lake has no result or failure of, in order."""
+    """List points of a plan with the objects that the lake has no result or failure of, in order."""
     known: dict[tuple[str, str], set[int]] = defaultdict(set)
     sql = "SELECT design_id, version_id, object_id FROM simulations WHERE setup_id = ?"
     for design_id, version_id, object_id in tuples(lake, sql, plan.setup_id):

@@ -90,7 +90,7 @@ class WorkerPool:
 
     @contextmanager
     def lend(self) -> Iterator[Worker]:
-        """A worker for as long as the `with` block lasts; waits until one is idle."""
+        """Lend a worker for as long as the `with` block lasts; wait until one is idle."""
         worker = self._idle.get()
         try:
             yield worker

@@ -85,7 +85,7 @@ class _Writer:
 
 
 def simulation_rows(job: GraspJob, attempt: Attempt) -> list[Row]:
-    """The row of a grasp and, if it succeeded, its trace; a failed one says why, as does the log."""
+    """Return the row of a grasp and, if it succeeded, its trace; a failed one says why, as does the log."""
     version_id, design_id, how = job.version.version_id, job.design.design_id, setup_columns(job.setup, job.placement)
     simulation_id = SimulationRow.make_id(design_id, job.object_id, version_id, how["setup_id"])
     key: dict[str, Any] = {

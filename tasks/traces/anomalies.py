@@ -53,7 +53,7 @@ def update_anomalies(lake: Lake, campaign_id: str | None = None) -> list[dict[st
 
 
 def _groups(grasps: pa.Table) -> list[pa.Table]:
-    """Grasps of each campaign and setup."""
+    """Group grasps by campaign and setup."""
     keys = list(zip(grasps["campaign_id"].to_pylist(), grasps["setup_id"].to_pylist(), strict=True))
     places: dict[tuple[str, str], list[int]] = {}
     for place, key in enumerate(keys):
@@ -71,7 +71,7 @@ def _found(lake: Lake, grasps: pa.Table) -> list[Anomaly]:
 
 
 def _simulated(lake: Lake, grasps: pa.Table) -> TraceFeatures:
-    """Features of what the lake simulated of each grasp's design on its object; NaN where there is nothing."""
+    """Return features of what the lake simulated of each grasp's design on its object; NaN where nothing is."""
     cells = list(zip(grasps["design_id"].to_pylist(), grasps["object_id"].to_pylist(), strict=True))
     known = {"setup": grasps["setup_id"][0].as_py(), "designs": sorted({design_id for design_id, _ in cells})}
     found = lake.query(_SIMULATED, known).to_pylist()

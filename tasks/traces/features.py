@@ -90,7 +90,7 @@ def update_features(
 
 
 def _calculated(lake: Lake, grasp_ids: list[str], written: list[datetime]) -> list[TraceFeaturesRow]:
-    """Rows of the grasps that lift; `written` are the times of their traces, in order."""
+    """Calculate rows of the grasps that lift; `written` are the times of their traces, in order."""
     samples = lake.query(_SAMPLES, {"first": written[0], "last": written[-1], "ids": grasp_ids})
     found = features_of_samples(*_flat(samples))
     usable = np.flatnonzero(found.is_usable).tolist()
@@ -99,7 +99,7 @@ def _calculated(lake: Lake, grasp_ids: list[str], written: list[datetime]) -> li
 
 
 def _flat(samples: pa.Table) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lifts, forces and offsets of lists laid end to end."""
+    """Return lifts, forces and offsets of lists laid end to end."""
     lift, force = (samples[name].combine_chunks() for name in ("lift_mm", "force_n"))
     lengths = pc.list_value_length(lift).to_numpy(zero_copy_only=False)
     return lift.flatten().to_numpy(), force.flatten().to_numpy(), np.concatenate([[0], np.cumsum(lengths)])
@@ -129,7 +129,7 @@ class ClassQuality(NamedTuple):
 def class_quality(
     lake: Lake, campaign_id: str | None = None, by: Literal["object_class", "object_name"] = "object_class"
 ) -> list[ClassQuality]:
-    """Quality, work and scatter of repeats by object class or object, of each campaign's first batch against its last.
+    """Compare quality, work and scatter of repeats by object class or object, of each campaign's first and last batch.
 
     A tool counts with its mean over the objects of the class that it met, of which each counts with the mean over
     its repeats. Intervals are of the bootstrap over tools.
@@ -148,7 +148,7 @@ def class_quality(
 
 
 def _classes(tools: Sequence[dict[str, Any]], campaign_id: str) -> Iterator[str]:
-    """Object classes that a campaign met by name, all objects first."""
+    """Yield object classes that a campaign met by name, all objects first."""
     met = {tool["class"] for tool in tools if tool["campaign_id"] == campaign_id}
     yield from sorted(met, key=lambda name: (name != ALL_OBJECTS, name))
 

@@ -106,7 +106,7 @@ def _grasp(lake: Lake, grasp_id: str) -> dict[str, Any]:
 
 
 def _chosen(rows: list[dict[str, Any]], grasp_id: str) -> list[dict[str, Any]]:
-    """At most `MOST_GRASPS` of the rows, in order."""
+    """Choose at most `MOST_GRASPS` of the rows, in order."""
     if len(rows) <= MOST_GRASPS:
         return rows
     rng = np.random.default_rng(seed_from(0, "identify", grasp_id))
@@ -114,7 +114,7 @@ def _chosen(rows: list[dict[str, Any]], grasp_id: str) -> list[dict[str, Any]]:
 
 
 def _inputs(lake: Lake, rows: list[dict[str, Any]]) -> np.ndarray:
-    """Inputs of the classifier for the grasps of these rows, which are in the order of their ids."""
+    """Return inputs of the classifier for the grasps of these rows, which are in the order of their ids."""
     samples = lake.query(_SAMPLES, {"ids": [row["grasp_id"] for row in rows]}).to_pylist()
     return inputs_of([Trace(*(np.array(s[name]) for name in ("time_s", "lift_mm", "force_n"))) for s in samples])
 

@@ -29,7 +29,7 @@ class Bound:
 
     @staticmethod
     def of(worlds: Worlds) -> "Bound":
-        """From the panel's true grasps with nothing hidden, theta fitted to them."""
+        """Make the bound from the panel's true grasps with nothing hidden, theta fitted to them."""
         panels, bank, rests = worlds.panels, worlds.bank, []
         for name in panels.bases:
             theta = panels.sets[name].theta
@@ -48,13 +48,13 @@ class Bound:
         return Bound(worlds, kept * differs + (1.0 - kept) * apart)  # few cells do not tell how bins go together
 
     def measure_power(self, key: WorldKey, grasps: Grasps) -> float:
-        """With what probability what the world of a key hides is seen in these grasps of it; 0 where nothing is."""
+        """Return how likely what a key's world hides is seen in these grasps of it; 0 where nothing is hidden."""
         if not key.effects:
             return 0.0
         return float(ndtr(self._measure_distance(key, grasps) - ndtri(1.0 - FALSE_ALARMS)))
 
     def _measure_distance(self, key: WorldKey, grasps: Grasps) -> float:
-        """Standard deviations by which a world is from one with nothing hidden, at the best theta and moduli."""
+        """Return by how many standard deviations a world is from one hiding nothing, at the best theta and moduli."""
         change_n, force_n = self._list_changes(key, grasps)
         return float(np.sqrt(max(self.multiply(key, grasps, change_n[None], force_n)[0, 0], 0.0)))
 
@@ -98,7 +98,7 @@ class Bound:
         return np.asarray(products)
 
     def _list_changes(self, key: WorldKey, grasps: Grasps) -> tuple[np.ndarray, np.ndarray]:
-        """What all that is hidden changes in these grasps, and their forces without it (n x 120 each)."""
+        """Return what all that is hidden changes in these grasps, and their forces without it (n x 120 each)."""
         own = self.worlds.of(key)
         changes = [own.change_by(key, hidden) for hidden in key.effects]
         places = {(site.tool, site.obj, site.context.repeat): n for n, site in enumerate(changes[0].sites)}
@@ -114,12 +114,12 @@ def _whiten(covariances: np.ndarray, changes_n: np.ndarray) -> np.ndarray:
 
 
 def _rescale(worlds: Worlds) -> float:
-    """Forces at the modulus of true grasps over those of the bank."""
+    """Return the forces at the modulus of true grasps over those of the bank."""
     return MODULUS_MPA / worlds.bank.centre.young_modulus_mpa
 
 
 def _predict(worlds: Worlds, theta: tuple[float, float]) -> np.ndarray:
-    """The bank's forces at a friction and Poisson's ratio, t x o x 120, by a quadratic through its grid."""
+    """Predict the bank's forces at a friction and Poisson's ratio, t x o x 120, by a quadratic through its grid."""
     grid = worlds.bank.grid
     middle, spread = grid.mean(axis=0), grid.std(axis=0)
 

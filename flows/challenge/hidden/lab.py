@@ -86,7 +86,7 @@ class Lab:
     nuisance: Nuisance = field(default_factory=Nuisance)
 
     def order(self) -> list[Site]:
-        """All grasps as a lab makes them: tool by tool, in every round all objects in a new random order."""
+        """List all grasps as a lab makes them: tool by tool, every round all objects in a new random order."""
         rng = np.random.default_rng(seed_from("order", self.seed))
         sites: list[Site] = []
         n_objects, how = len(self.objects), self.nuisance
@@ -114,7 +114,7 @@ class Lab:
         is_scaled: bool = True,
         asked: Sequence[Site] | None = None,
     ) -> list[tuple[Site, Trace]]:
-        """Traces that the load cell reports, at its rate; without those that got lost.
+        """Return the traces that the load cell reports, at its rate; without those that got lost.
 
         `asked`: grasps that are made afterwards instead of the usual ones, of the same tools as they were mounted.
 
@@ -140,7 +140,7 @@ class Lab:
         return measured
 
     def true_trace(self, site: Site, variants: Variants, laws: Sequence[LabLaw], factor: float = 1.0) -> Trace:
-        """The trace of a grasp under laws, before noise; `factor` on the modulus.
+        """Return the trace of a grasp under laws, before noise; `factor` on the modulus.
 
         Another stroke or height is answered by the variants, another speed or wait by the same grasp at other times.
 
@@ -164,13 +164,13 @@ class Lab:
         return trace
 
     def moment(self, site: Site) -> Moment:
-        """What laws may know of a grasp."""
+        """Return what laws may know of a grasp."""
         design = self.designs[site.tool]
         height_mm = get_object(self.objects[site.obj]).height_mm
         return Moment(numbered_design(design), seed_from("true tool", design), height_mm, site.context, site.setup)
 
     def _sensed(self, trace: Trace, rng: np.random.Generator) -> Trace:
-        """Readings of the transmitter: noise and tare on the force at its rate, from the closing to beyond all objects.
+        """Return the transmitter's readings: noise and tare on the force at its rate, from closing to past all objects.
 
         After its last true sample the gripper lifts on, free: the force stays what it was.
         """
@@ -187,7 +187,7 @@ class Lab:
 
 
 def retime(trace: Trace, setup: GraspSetup) -> Trace:
-    """A quasi-static trace at the usual speeds as another setup makes it: the same forces at other times."""
+    """Turn a quasi-static trace at the usual speeds into that of another setup: the same forces at other times."""
     lifts = trace.is_lift
     start_s = float(trace.time_s[lifts][0])
     closed_s = start_s * SETUP.close_speed_mm_per_s / setup.close_speed_mm_per_s
@@ -201,7 +201,7 @@ def retime(trace: Trace, setup: GraspSetup) -> Trace:
 
 
 def _moved(variants: Variants, friction: float, wider_mm: float, raised_mm: float) -> Trace:
-    """The base trace changed in proportion to the differences of its variants, on its own samples.
+    """Return the base trace changed in proportion to the differences of its variants, on its own samples.
 
     Traces are compared from the start of their lifts: jaws that stop early have closed earlier, and wait.
     """
@@ -224,7 +224,7 @@ def _draws(rng: np.random.Generator, *shape: int) -> np.ndarray:
 
 
 def _autoregressive(rng: np.random.Generator, n: int, how: Nuisance) -> np.ndarray:
-    """AR(1) process of unit variance; with heavy tails its innovations are of Student's t with 3 degrees of freedom."""
+    """Draw an AR(1) process of variance 1; with heavy tails innovations are Student's t with 3 degrees of freedom."""
     r = float(np.exp(-1.0 / (how.rate_hz * how.noise_correlation_s)))
     steps = rng.standard_t(3.0, n) / np.sqrt(3.0) if how.heavy_tails else rng.standard_normal(n)
     steps[1:] *= np.sqrt(1.0 - r * r)

@@ -36,23 +36,23 @@ class LabLaw:
         self.amplitude = amplitude
 
     def modulus_factor(self, moment: Moment) -> float:
-        """Factor on the modulus in this grasp."""
+        """Return the factor on the modulus in this grasp."""
         return 1.0
 
     def friction_factor(self, moment: Moment) -> float:
-        """Factor on the friction coefficient in this grasp."""
+        """Return the factor on the friction coefficient in this grasp."""
         return 1.0
 
     def wider_mm(self, moment: Moment) -> float:
-        """How much earlier each jaw stops in this grasp, mm."""
+        """Return how much earlier each jaw stops in this grasp, mm."""
         return 0.0
 
     def raised_mm(self, moment: Moment) -> float:
-        """How much higher the object stands in this grasp, mm."""
+        """Return how much higher the object stands in this grasp, mm."""
         return 0.0
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """What the load cell reports of a true trace."""
+        """Return what the load cell reports of a true trace."""
         return trace
 
 
@@ -60,7 +60,7 @@ class PowerLawRelaxation(LabLaw):
     """M1: F (1 + t / 1 s)^-n after the closing, waits included, `amplitude` n (one exponential in the catalogue)."""
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """The relaxing force."""
+        """Return the relaxing force."""
         held_s = np.maximum(trace.time_s - lift_start_s(trace) + moment.setup.dwell_s, 0.0)
         return with_force(trace, trace.force_n * (1.0 + held_s) ** -self.amplitude)
 
@@ -71,7 +71,7 @@ class HyperbolicSoftening(LabLaw):
     recovery_s, recovered = 1800.0, 0.2
 
     def modulus_factor(self, moment: Moment) -> float:
-        """Softened modulus over the fresh one."""
+        """Return the softened modulus over the fresh one."""
         n = moment.context.repeat
         back = self.recovered * -math.expm1(-moment.context.clock_s / self.recovery_s)
         return 1.0 - self.amplitude * (1.0 - back) * n / (n + 1.0)
@@ -83,7 +83,7 @@ class DiffusiveWarming(LabLaw):
     scale_s = 2400.0
 
     def modulus_factor(self, moment: Moment) -> float:
-        """Warm modulus over the cold one."""
+        """Return the warm modulus over the cold one."""
         root = math.sqrt(moment.context.clock_s)
         return 1.0 - self.amplitude * root / (root + math.sqrt(self.scale_s))
 
@@ -92,7 +92,7 @@ class LogarithmicWear(LabLaw):
     """C7: mu (1 - d log(1 + m / 4) / log(1 + 36 / 4)) after m grasps of the tool, `amplitude` d (exponential there)."""
 
     def friction_factor(self, moment: Moment) -> float:
-        """Worn friction over the fresh one."""
+        """Return the worn friction over the fresh one."""
         return 1.0 - self.amplitude * math.log1p(moment.context.tool_grasps / 4.0) / math.log1p(9.0)
 
 
@@ -100,7 +100,7 @@ class TiltingPost(LabLaw):
     """C11: the virtual bench's post, which tilts and stiffens; `amplitude` its compliance in mm/N (a spring there)."""
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """The trace over the lift of the gantry."""
+        """Return the trace over the lift of the gantry."""
         return over_tilting_post(trace, self.amplitude * moment.object_height_mm / 40.0)
 
 
@@ -108,7 +108,7 @@ class CreepingOffset(LabLaw):
     """S2: a zero that is off by `amplitude` N at rest and by a tenth more at 10 N (constant in the catalogue)."""
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """The offset force."""
+        """Return the offset force."""
         return with_force(trace, trace.force_n + self.amplitude * (1.0 + 0.01 * np.abs(trace.force_n)))
 
 
@@ -116,7 +116,7 @@ class SettlingDrift(LabLaw):
     """S3: a zero that drifts by `amplitude` N in the first hour, as the root of time (linear in the catalogue)."""
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """The drifted force."""
+        """Return the drifted force."""
         clock_s = moment.context.clock_s + trace.time_s
         return with_force(trace, trace.force_n + self.amplitude * np.sqrt(clock_s / 3600.0))
 
@@ -125,7 +125,7 @@ class AveragingTransmitter(LabLaw):
     """S4: a moving average over 1.5 `amplitude` s, a quarter of `amplitude` late (first-order lag in the catalogue)."""
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """The averaged force, on a time axis fine enough for it."""
+        """Return the averaged force, on a time axis fine enough for it."""
         if self.amplitude == 0.0:
             return trace
         time_s, lift_mm = lift_on(trace)
@@ -139,13 +139,13 @@ class JitteringClock(LabLaw):
     """
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """The late force."""
+        """Return the late force."""
         late_s = self.amplitude * self.spread(moment) / USUAL_SPEED_MM_PER_S
         time_s, lift_mm = lift_on(trace)
         return Trace(time_s, lift_mm, np.interp(time_s - late_s, trace.time_s, trace.force_n))
 
     def spread(self, moment: Moment) -> float:
-        """Delay of this grasp over the mean one."""
+        """Return the delay of this grasp over the mean one."""
         return 1.0 + 0.15 * float(tool_draws(moment.tool_seed, 0x55, 1)[0])
 
 
@@ -155,7 +155,7 @@ class HangingTool(LabLaw):
     filled, added_kg = 1.0, 0.01
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """The force with the weight."""
+        """Return the force with the weight."""
         volume_mm3 = 2.0 * moment.design.draw_section().area * moment.design.width_mm
         weight_n = GRAVITY * (self.filled * DENSITY_KG_PER_MM3 * volume_mm3 + self.added_kg)
         return with_force(trace, trace.force_n + self.amplitude * weight_n)
@@ -170,7 +170,7 @@ class LeakingSupply(LabLaw):
     period = 90
 
     def wider_mm(self, moment: Moment) -> float:
-        """How much earlier each jaw stops."""
+        """Return how much earlier each jaw stops."""
         return self.amplitude * (moment.context.batch_grasps % self.period) / self.period
 
 
@@ -181,7 +181,7 @@ class SmoothStart(LabLaw):
     """
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """The force over the commanded lift."""
+        """Return the force over the commanded lift."""
         if self.amplitude == 0.0:
             return trace
         time_s, lift_mm = lift_on(trace)
@@ -190,7 +190,7 @@ class SmoothStart(LabLaw):
         return Trace(time_s, lift_mm, np.interp(real_s, trace.time_s, trace.force_n))
 
     def real_s(self, lifted_s: np.ndarray) -> np.ndarray:
-        """Time of the lift at full speed that ends where the gantry is, for times since its start (n, s)."""
+        """Return the time of the lift at full speed that ends where the gantry is, for times since its start (n, s)."""
         late_s = self.amplitude / USUAL_SPEED_MM_PER_S
         return np.asarray(lifted_s + late_s * np.expm1(-lifted_s / late_s))
 
@@ -199,7 +199,7 @@ class ConstantSpanError(LabLaw):
     """S1, an alias of the modulus: F (1 + `amplitude`), the virtual bench's span error without its capacity."""
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """The force with the wrong span."""
+        """Return the force with the wrong span."""
         return SpanError(1.0 + self.amplitude, capacity_n=math.inf).modify_trace(trace)
 
 
@@ -207,7 +207,7 @@ class AgedBatch(LabLaw):
     """M6, an alias of the tools' modulus: `amplitude` more in the first batch of tools, none in the others."""
 
     def modulus_factor(self, moment: Moment) -> float:
-        """Aged modulus over the fresh one."""
+        """Return the aged modulus over the fresh one."""
         return 1.0 + self.amplitude
 
 
@@ -217,7 +217,7 @@ class MagneticPull(LabLaw):
     range_mm = 8.0
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """The force with the magnet's."""
+        """Return the force with the magnet's."""
         return with_force(trace, trace.force_n + self.amplitude * np.exp(-trace.lift_mm / self.range_mm))
 
 
@@ -227,7 +227,7 @@ class WarmPosts(LabLaw):
     period_s = 8.0 * 3600.0
 
     def raised_mm(self, moment: Moment) -> float:
-        """How much higher the object stands."""
+        """Return how much higher the object stands."""
         return self.amplitude * math.sin(2.0 * math.pi * moment.context.clock_s / self.period_s)
 
 
@@ -238,7 +238,7 @@ class PullingHose(LabLaw):
     """
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """The force with the hose's."""
+        """Return the force with the hose's."""
         return with_force(trace, trace.force_n + self.amplitude * (0.1 + 0.9 * trace.lift_mm / 60.0))
 
 
@@ -265,30 +265,30 @@ LAB_LAWS: dict[str, type[LabLaw]] = {
 
 
 def tool_draws(tool_seed: int, purpose: int, n: int) -> np.ndarray:
-    """Standard normal numbers (n), clipped at 2: what differs from one print to the next."""
+    """Draw standard normal numbers (n), clipped at 2: what differs from one print to the next."""
     return np.clip(np.random.default_rng([tool_seed, purpose]).standard_normal(n), -2.0, 2.0)
 
 
 def lift_start_s(trace: Trace) -> float:
-    """When the lift starts; the end of a trace without one."""
+    """Return when the lift starts; the end of a trace without one."""
     lift_s = trace.time_s[trace.is_lift]
     return float(lift_s[0]) if len(lift_s) else float(trace.time_s[-1])
 
 
 def lift_speed_mm_per_s(trace: Trace) -> float:
-    """Speed of the lift."""
+    """Return the speed of the lift."""
     lift = trace.is_lift
     time_s, lift_mm = trace.time_s[lift], trace.lift_mm[lift]
     return float((lift_mm[-1] - lift_mm[0]) / (time_s[-1] - time_s[0]))
 
 
 def with_force(trace: Trace, force_n: np.ndarray) -> Trace:
-    """The trace with other forces (n, N) at its times."""
+    """Return the trace with other forces (n, N) at its times."""
     return Trace(trace.time_s, trace.lift_mm, np.asarray(force_n))
 
 
 def lift_on(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
-    """Fine times and the lift at them, for `LIFT_ON_S` beyond the trace: what is late is still to come at its end."""
+    """Return fine times and the lift at them, for `LIFT_ON_S` beyond the trace: what is late still comes at its end."""
     time_s = np.arange(trace.time_s[0], trace.time_s[-1] + LIFT_ON_S, 0.02)
     beyond_mm = lift_speed_mm_per_s(trace) * np.maximum(time_s - trace.time_s[-1], 0.0)
     return time_s, np.interp(time_s, trace.time_s, trace.lift_mm) + beyond_mm

@@ -28,7 +28,7 @@ class LogarithmicRelaxation(LabLaw):
     from_s = 0.3
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """The relaxing force."""
+        """Return the relaxing force."""
         held_s = np.maximum(trace.time_s - lift_start_s(trace) + moment.setup.dwell_s, 0.0)
         left = np.maximum(1.0 - self.amplitude * np.log10(1.0 + held_s / self.from_s), 0.0)
         return with_force(trace, trace.force_n * left)
@@ -38,7 +38,7 @@ class LogarithmicSoftening(LabLaw):
     """M2: E (1 - d log(1 + n) / log 3) after n repeats, `amplitude` d in the third; nothing comes back."""
 
     def modulus_factor(self, moment: Moment) -> float:
-        """Softened modulus over the fresh one."""
+        """Return the softened modulus over the fresh one."""
         return 1.0 - self.amplitude * math.log1p(moment.context.repeat) / math.log(3.0)
 
 
@@ -48,7 +48,7 @@ class DailyWarming(LabLaw):
     rise_s = 3.0 * 3600.0
 
     def modulus_factor(self, moment: Moment) -> float:
-        """Warm modulus over the cold one."""
+        """Return the warm modulus over the cold one."""
         return 1.0 - self.amplitude * 0.5 * (1.0 - math.cos(math.pi * moment.context.clock_s / self.rise_s))
 
 
@@ -56,7 +56,7 @@ class LinearWear(LabLaw):
     """C7: mu (1 - d m / 36) after m grasps of the tool, until 36, `amplitude` d: every grasp wears as much."""
 
     def friction_factor(self, moment: Moment) -> float:
-        """Worn friction over the fresh one."""
+        """Return the worn friction over the fresh one."""
         return 1.0 - self.amplitude * min(moment.context.tool_grasps / 36.0, 1.0)
 
 
@@ -64,7 +64,7 @@ class BendingPost(LabLaw):
     """C11: a post that bends, so that it gives way with the cube of the object's height; `amplitude` at 40 mm, mm/N."""
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """The trace over the lift of the gantry."""
+        """Return the trace over the lift of the gantry."""
         return over_tilting_post(trace, self.amplitude * (moment.object_height_mm / 40.0) ** 3)
 
 
@@ -72,7 +72,7 @@ class TaredOffset(LabLaw):
     """S2: a zero that is off by `amplitude` N, 20 % sd from tool to tool, as each was tared on its own."""
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """The offset force."""
+        """Return the offset force."""
         offset_n = self.amplitude * (1.0 + 0.2 * float(tool_draws(moment.tool_seed, 0x52, 1)[0]))
         return with_force(trace, trace.force_n + offset_n)
 
@@ -81,7 +81,7 @@ class RunawayDrift(LabLaw):
     """S3: a zero that drifts ever faster, by `amplitude` N in the first hour, with the square of time."""
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """The drifted force."""
+        """Return the drifted force."""
         hours = (moment.context.clock_s + trace.time_s) / 3600.0
         return with_force(trace, trace.force_n + self.amplitude * hours**2)
 
@@ -90,7 +90,7 @@ class TwiceFilteredTransmitter(LabLaw):
     """S4: two first-order filters in a row, each of half of `amplitude` s."""
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """The filtered force, on a time axis fine enough for it."""
+        """Return the filtered force, on a time axis fine enough for it."""
         if self.amplitude == 0.0:
             return trace
         time_s, lift_mm = lift_on(trace)
@@ -105,7 +105,7 @@ class WanderingClock(JitteringClock):
     """S5: force late by the time of `amplitude` mm at 5 mm/s, 30 % sd from grasp to grasp."""
 
     def spread(self, moment: Moment) -> float:
-        """Delay of this grasp over the mean one."""
+        """Return the delay of this grasp over the mean one."""
         return 1.0 + 0.3 * float(tool_draws(moment.tool_seed, 0x5500 + moment.context.tool_grasps, 1)[0])
 
 
@@ -121,7 +121,7 @@ class EmptyingBottle(LabLaw):
     grasps = 120
 
     def wider_mm(self, moment: Moment) -> float:
-        """How much earlier each jaw stops."""
+        """Return how much earlier each jaw stops."""
         return self.amplitude * min(moment.context.batch_grasps / self.grasps, 1.0)
 
 
@@ -132,7 +132,7 @@ class CurvedStart(SmoothStart):
     """
 
     def real_s(self, lifted_s: np.ndarray) -> np.ndarray:
-        """Time of the lift at full speed that ends where the gantry is, for times since its start (n, s)."""
+        """Return the time of the lift at full speed that ends where the gantry is, for times since its start (n, s)."""
         rise_s = 2.0 * self.amplitude / USUAL_SPEED_MM_PER_S
         rising_s = 0.5 * lifted_s - rise_s / (2.0 * math.pi) * np.sin(math.pi * lifted_s / rise_s)
         return np.where(lifted_s < rise_s, rising_s, lifted_s - 0.5 * rise_s)
@@ -156,5 +156,5 @@ OTHER_LAB_LAWS: dict[str, type[LabLaw]] = {
 
 
 def build_lab_law(effect: str, amplitude: float, is_other: bool = False) -> LabLaw:
-    """The law of the lab that hides an effect: the first, or the other if there is one."""
+    """Build the law of the lab that hides an effect: the first, or the other if there is one."""
     return (OTHER_LAB_LAWS if is_other else LAB_LAWS)[effect](amplitude)

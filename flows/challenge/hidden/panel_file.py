@@ -16,7 +16,7 @@ STEP_N = 0.002  # forces are kept in whole multiples of it
 
 
 def read_small(path: Path) -> tuple[Panels, Bank]:
-    """Panels and bank of the file.
+    """Read the panels and the bank of the file.
 
     Raises:
         UsageError: its bank is that of another version of the program.

@@ -51,7 +51,7 @@ class TrueSet(Record):
 
 
 def draw_tool_modulus(design: int) -> float:
-    """Modulus of the print of a design (number) over theta's: the same whatever is hidden."""
+    """Draw the modulus of the print of a design (number) over theta's: the same whatever is hidden."""
     return float(np.exp(TOOL_MODULUS_SD * tool_draws(seed_from("true tool", design), 0xE, 1)[0]))
 
 
@@ -65,7 +65,7 @@ class Panels:
     cells: Mapping[str, Cells]
 
     def part(self, designs: Sequence[int], objects: Sequence[int]) -> "Panels":
-        """These designs and objects (numbers) alone, in this order."""
+        """Return these designs and objects (numbers) alone, in this order."""
         tools = {self.designs.index(number): place for place, number in enumerate(designs)}
         columns = {self.objects.index(number): place for place, number in enumerate(objects)}
         cells = {
@@ -96,7 +96,7 @@ class Panels:
         return tuple(name for name in LAB_LAWS if name not in needs or {needs[name], RESPONDING} <= self.cells.keys())
 
     def truth(self, name: str, factor: float) -> Callable[[int, int], Variants | None]:
-        """True traces of a set by numbers of tool and object, with forces times a factor."""
+        """Return the true traces of a set by numbers of tool and object, with forces times a factor."""
         responds = self.sets[name].theta == self.sets[RESPONDING].theta if RESPONDING in self.sets else False
 
         def of(tool: int, obj: int) -> Variants | None:
@@ -112,12 +112,12 @@ class Panels:
         return of
 
     def tool_factors(self, name: str) -> np.ndarray:
-        """Moduli of the tools over theta's that are already in a set's traces, t."""
+        """Return the moduli of the tools over theta's that are already in a set's traces, t."""
         is_scaled = self.is_scaled(name)
         return np.array([1.0 if is_scaled else draw_tool_modulus(design) for design in self.designs])
 
     def is_scaled(self, name: str) -> bool:
-        """Whether a set's forces may be multiplied for another modulus."""
+        """Return whether a set's forces may be multiplied for another modulus."""
         return self.sets[name].law not in UNSCALED
 
     @cached_property
@@ -126,12 +126,12 @@ class Panels:
         return {name: self._steps(cells) for name, cells in self.cells.items()}
 
     def change_of_law(self, name: str) -> np.ndarray:
-        """What a set's law changes in the step means, tools' moduli taken out, t x o x 120 in N."""
+        """Return what a set's law changes in the step means, tools' moduli taken out, t x o x 120 in N."""
         base = next(base for base in self.bases if self.sets[base].theta == self.sets[name].theta)
         return np.asarray(self.steps_n[name] / self.tool_factors(name)[:, None, None] - self.steps_n[base])
 
     def change_of_lab_law(self, law: LabLaw, base: str, lab: Lab, factor: float) -> np.ndarray:
-        """What a law of the lab changes in the step means of every grasp, n x 120; n as `Lab.order`."""
+        """Return what a law of the lab changes in the step means of every grasp, n x 120; n as `Lab.order`."""
         truth = self.truth(base, factor)
         rows = np.full((len(self.designs) * len(self.objects) * lab.repeats, N_STEPS), np.nan)
         for row, site in enumerate(lab.order()):
@@ -153,7 +153,7 @@ class Panels:
 
 
 def take_cells(bank: Bank, tools: Sequence[int], columns: Sequence[int]) -> Bank:
-    """The bank of these tools and targets (numbers in it) alone, in this order."""
+    """Take the bank of these tools and targets (numbers in it) alone, in this order."""
 
     def take(of_cells: np.ndarray) -> np.ndarray:
         return np.asarray(of_cells[np.ix_(tools, columns)])
@@ -176,14 +176,14 @@ def _steps_of(trace: Trace) -> np.ndarray:
 
 
 def raw_strength(change_n: np.ndarray, force_n: np.ndarray) -> float:
-    """Root mean square change over root mean square force."""
+    """Return the root mean square change over the root mean square force."""
     return float(np.sqrt(np.nanmean(change_n**2) / np.nanmean(force_n**2)))
 
 
 def visible_share(
     change_n: np.ndarray, force_n: np.ndarray, sites: Sequence[Site], theta: tuple[float, float], bank: Bank
 ) -> float:
-    """Share of a change (n x 120) of forces (n x 120) that is left when theta and the tools' moduli are fitted to it.
+    """Return the share of a change (n x 120) of forces (n x 120) left when theta and tools' moduli are fitted to it.
 
     Columns are the force itself, that of every tool (with the prior of a print's modulus), and the slopes of the bank
     in friction and Poisson's ratio around theta; weights are a hundredth of the peak and the noise of a mean.
@@ -204,7 +204,7 @@ def visible_share(
 
 
 def bank_slopes(bank: Bank, theta: tuple[float, float]) -> list[np.ndarray]:
-    """Slopes (t x o x 120) of the bank's forces in friction and in Poisson's ratio, by least squares near theta."""
+    """Return slopes (t x o x 120) of the bank's forces in friction and Poisson's ratio, by least squares near theta."""
     low, high = bank.grid.min(axis=0), bank.grid.max(axis=0)
     apart = np.asarray(bank.grid - np.array(theta)) / np.asarray(high - low)
     weight = np.exp(-4.0 * (apart**2).sum(axis=1))
@@ -218,5 +218,5 @@ def _binned(values: np.ndarray) -> np.ndarray:
 
 
 def modulus_factor(young_modulus_mpa: float) -> float:
-    """What forces of the bases are multiplied with for this modulus."""
+    """Return what forces of the bases are multiplied with for this modulus."""
     return young_modulus_mpa / MODULUS_MPA

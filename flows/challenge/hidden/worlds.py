@@ -128,7 +128,7 @@ class Change:
     force_n: np.ndarray
 
     def without_strongest_cell(self) -> "Change":
-        """The grasps of all cells but the one whose squares it changes most."""
+        """Return the grasps of all cells but the one whose squares it changes most."""
         cells = [(site.tool, site.obj) for site in self.sites]
         squares = dict.fromkeys(cells, 0.0)
         for cell, row in zip(cells, self.change_n, strict=True):
@@ -160,7 +160,7 @@ class Worlds:
     """Of laws of the lab, of the force."""
 
     def draw(self, group: Group, number: int) -> WorldKey:
-        """The key of a world, always the same for a seed."""
+        """Draw the key of a world, always the same for a seed."""
         rng = np.random.default_rng(seed_from("gap world", self.seed, group, number))
         base = str(rng.choice(self.panels.bases))
         nuisance = NASTIER if group == "nasty null" else Nuisance()
@@ -185,24 +185,24 @@ class Worlds:
         return key
 
     def list_effects(self, group: Group) -> tuple[str, ...]:
-        """Effects that worlds of a group hide in turn, by their numbers; none where nothing is hidden."""
+        """List effects that worlds of a group hide in turn, by their numbers; none where nothing is hidden."""
         effects = {"single": self._singles, "alias": tuple(ALIASES), "unlisted": self._unlisted, "pair": self._singles}
         return effects.get(group, ())
 
     def _some_of(self, numbers: tuple[int, ...], n: int, *place: str | int) -> tuple[int, ...]:
-        """The world's own of the panel's designs or objects; empty where the panel has no more than these."""
+        """Draw the world's own of the panel's designs or objects; empty where the panel has no more than these."""
         rng = np.random.default_rng(seed_from("gap world's own", self.seed, *place))
         return () if len(numbers) <= n else tuple(int(one) for one in rng.choice(numbers, n, replace=False))
 
     def of(self, key: WorldKey) -> "Worlds":
-        """Worlds of a key's designs and objects alone; these ones where they have no others."""
+        """Return worlds of a key's designs and objects alone; these ones where they have no others."""
         designs, objects = key.designs or self.panels.designs, key.objects or self.panels.objects
         if (designs, objects) == (self.panels.designs, self.panels.objects):
             return self
         return replace(self, panels=self.panels.part(designs, objects), bank=self.bank_of(designs, objects))
 
     def bank_of(self, designs: Sequence[int], objects: Sequence[int]) -> Bank:
-        """The bank of these of the panel's designs and objects (numbers)."""
+        """Return the bank of these of the panel's designs and objects (numbers)."""
         tools = [self.panels.designs.index(number) for number in designs]
         return take_cells(self.bank, tools, [self.panels.objects.index(number) for number in objects])
 
@@ -224,7 +224,7 @@ class Worlds:
         return name not in (*ALIASES, *UNLISTED, first_law) and is_everywhere
 
     def with_effect(self, key: WorldKey, name: str, strength: float, rng: np.random.Generator) -> WorldKey:
-        """The key with one more effect: a set of true grasps as it is, a law of the lab at the strength."""
+        """Return the key with one more effect: a set of true grasps as it is, a law of the lab at the strength."""
         own = self.of(key)
         if own is not self:
             return own.with_effect(key, name, strength, rng)
@@ -260,7 +260,7 @@ class Worlds:
         return key.model_copy(update={"effects": (*key.effects, hidden.model_copy(update=measured))})
 
     def change_by(self, key: WorldKey, hidden: Hidden) -> Change:
-        """What a hidden effect changes in the grasps of a world that has all cells of these panels, in N."""
+        """Return what a hidden effect changes in the grasps of a world with all cells of these panels, in N."""
         lab, factor = self.lab(key), modulus_factor(key.young_modulus_mpa)
         sites = lab.order()
         if hidden.truth_set:
@@ -270,23 +270,23 @@ class Worlds:
         return Change(sites, change_n, factor * _at(self.panels.steps_n[key.base], sites))
 
     def _measure_strength(self, key: WorldKey, change: Change) -> tuple[float, float]:
-        """Raw and visible strength."""
+        """Measure the raw and the visible strength."""
         raw = raw_strength(change.change_n, change.force_n)
         theta = self.panels.sets[key.base].theta
         visible = raw * visible_share(change.change_n, change.force_n, change.sites, theta, self.bank)
         return float(f"{raw:.3g}"), float(f"{visible:.3g}")
 
     def twin(self, key: WorldKey) -> WorldKey:
-        """The same world with nothing hidden: the same prints, order, scatter and noise."""
+        """Return the same world with nothing hidden: the same prints, order, scatter and noise."""
         return key.model_copy(update={"effects": ()})
 
     def lab(self, key: WorldKey) -> Lab:
-        """The lab that measures a world."""
+        """Return the lab that measures a world."""
         panels = self.of(key).panels
         return Lab(panels.designs, panels.objects, key.seed, nuisance=key.nuisance)
 
     def measure(self, key: WorldKey) -> list[tuple[Site, Trace]]:
-        """The world's traces, as the lab measures them."""
+        """Measure the world's traces, as the lab does."""
         panels = self.of(key).panels
         name = next((hidden.truth_set for hidden in key.effects if hidden.truth_set), key.base)
         laws = [_law_of(hidden) for hidden in key.effects if not hidden.truth_set]
@@ -294,11 +294,11 @@ class Worlds:
         return self.lab(key).measure(truth, laws, is_scaled=panels.is_scaled(name))
 
     def problem(self, key: WorldKey) -> GapData:
-        """The gap problem that a world makes, with designs and objects held out."""
+        """Return the gap problem that a world makes, with designs and objects held out."""
         return self.make_problem(key, self.measure(key))
 
     def make_problem(self, key: WorldKey, traces: Sequence[tuple[Site, Trace]]) -> GapData:
-        """The gap problem of measured traces; key: of the world that they are of."""
+        """Make the gap problem of measured traces; key: of the world that they are of."""
         own = self.of(key)
         panels = own.panels
         measured = [(site, trace) for site, trace in traces if is_usable(trace)]

@@ -64,7 +64,7 @@ class Evidence:
 
     @staticmethod
     def of(lake: Lake, calibration_id: str) -> "Evidence | None":
-        """What a stored calibration was fitted to; None where the lake does not have it any more."""
+        """Return what a stored calibration was fitted to; None where the lake does not have it any more."""
         data = regather(lake, calibration_id)
         if data is None:
             return None
@@ -207,7 +207,7 @@ def _result(lake: Lake, row: CalibrationRow) -> CalibrationResult:
 
 
 def _ordered(parameters: set[str]) -> tuple[str, ...]:
-    """The order of `Parameters.names`; parameters that it does not know follow by name."""
+    """Return parameters in the order of `Parameters.names`; those that it does not know follow by name."""
     settings = CalibrationSettings()
     n_inputs = len(PARAMETERS) + (3 if "lengthscale_h.young_modulus_mpa" in parameters else 2)
     known = Parameters(n_inputs, "rho" in parameters, settings.priors).names
@@ -254,7 +254,7 @@ _DATA_DIMS = {
 def _posterior(
     result: CalibrationResult,
 ) -> tuple[dict[str, np.ndarray], dict[str, list[str]], dict[str, list[str]]]:
-    """Variables (chains x n, or chains x n x inputs), their dimensions, and the names of the inputs."""
+    """Return variables (chains x n, or chains x n x inputs), their dimensions, and the names of the inputs."""
     variables: dict[str, np.ndarray] = {}
     dims: dict[str, list[str]] = {}
     coords = {"design_parameter": list(PARAMETERS), "theta_parameter": list(THETA)}

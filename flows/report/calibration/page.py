@@ -78,7 +78,7 @@ def _prepare_page(calibration: StoredCalibration, folder: Folder) -> dict[str, A
 
 
 def prepare_calibration(content: Content, folder: Folder) -> dict[str, Any]:
-    """The newest calibration with this campaign's measurements: Table 2, Figs. 3 and 4, sensitivities."""
+    """Prepare the newest calibration with this campaign's measurements: Table 2, Figs. 3 and 4, sensitivities."""
     newest = content.result("calibrations", NEWEST)
     if not newest.rows:
         return {"calibration": None, "refused": None}

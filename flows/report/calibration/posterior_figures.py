@@ -37,7 +37,7 @@ _PLOTTED = (
 
 
 def pairs_figure(result: CalibrationResult) -> Figure:
-    """Margins on the diagonal, contours of highest density below it, rank correlations above."""
+    """Draw margins on the diagonal, contours of highest density below it, rank correlations above."""
     figure = new_figure(5.6, 5.4)
     axes = figure.subplots(len(THETA), len(THETA))
     limits = {name: _limits(result.of(name)) for name in THETA}
@@ -108,7 +108,7 @@ def _label(axes: Axes, row: int, column: int, x_name: str, y_name: str) -> None:
 
 
 def density_figure(draws: np.ndarray, x_label: str, prior: "scipy.stats.rv_continuous | None" = None) -> Figure:
-    """Posterior density of one positive parameter, its mode marked, the prior behind it."""
+    """Draw the posterior density of one positive parameter, its mode marked, the prior behind it."""
     figure, axes = new_axes(WIDTH_IN, 2.7, grid="")
     grid, density = curve = estimate_density(draws)
     axes.fill_between(grid, density, color=BEST, alpha=0.25, linewidth=0)
@@ -128,7 +128,7 @@ def density_figure(draws: np.ndarray, x_label: str, prior: "scipy.stats.rv_conti
 
 
 def chains_figure(result: CalibrationResult, names: Sequence[str]) -> Figure:
-    """One row a parameter: draws in order, and ranks among all chains (flat where chains agree)."""
+    """Draw one row a parameter: draws in order, and ranks among all chains (flat where chains agree)."""
     figure = new_figure(8.4, 0.5 + 0.95 * len(names))
     grid = figure.subplots(len(names), 2, squeeze=False, gridspec_kw={"width_ratios": (3, 2)})
     for (trace, ranks), name in zip(grid, names, strict=True):
@@ -165,7 +165,7 @@ def _ranks(axes: Axes, draws: np.ndarray) -> None:
 
 
 def theta_history_figure(history: Sequence[PastCalibration]) -> Figure:
-    """A panel for each parameter, with the intervals in the order in which they were inferred."""
+    """Draw a panel for each parameter, with the intervals in the order in which they were inferred."""
     figure = Figure(figsize=(WIDTH_IN, 4.6), layout="constrained")
     panels = figure.subplots(len(_PLOTTED), 1, sharex=True)
     for axes, (name, label) in zip(panels, _PLOTTED, strict=True):

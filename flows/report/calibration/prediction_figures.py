@@ -41,7 +41,7 @@ _LOOKS = ((BEST, "D", 5.0, 0.95), (FIRST, "o", 3.6, 0.55))
 
 
 def before_after_figure(plots: Sequence[Plot]) -> Figure:
-    """All panels side by side, on the same axes, for print."""
+    """Draw all panels side by side, on the same axes, for print."""
     figure = new_figure(3.1 * len(plots), 4.1)
     limits = common_limits(plots)
     all_axes = np.atleast_1d(figure.subplots(1, len(plots)))
@@ -55,7 +55,7 @@ def before_after_figure(plots: Sequence[Plot]) -> Figure:
 
 
 def plot_figure(plot: Plot, limits: tuple[float, float]) -> Figure:
-    """One panel alone, for the page."""
+    """Draw one panel alone, for the page."""
     figure, axes = new_axes(WIDTH_IN, 4.3, grid="both")
     _draw(axes, plot, limits)
     handles, labels = axes.get_legend_handles_labels()
@@ -97,7 +97,7 @@ def _statistics(label: str, scores: Scores, has_intervals: bool) -> str:
 
 
 def sensitivity_figure(inputs: Sequence[str], relevance: np.ndarray, lengthscales: np.ndarray, colour: str) -> Figure:
-    """Permutation relevance of each input beside its inverse lengthscale; bars are medians, lines 90 % intervals.
+    """Draw each input's permutation relevance beside its inverse lengthscale; bars are medians, lines 90 % intervals.
 
     relevance, lengthscales: draws x inputs; they need not be of the same draws.
     """
@@ -121,12 +121,12 @@ def sensitivity_figure(inputs: Sequence[str], relevance: np.ndarray, lengthscale
 
 
 def emulator_inputs(result: CalibrationResult) -> list[str]:
-    """Names of the simulator's inputs, in the order of the emulator."""
+    """Return the names of the simulator's inputs, in the order of the emulator."""
     return [name.partition(".")[2] for name in result.names if name.startswith("lengthscale_h.")]
 
 
 def lengthscales_of(result: CalibrationResult, kernel: str) -> np.ndarray:
-    """Draws of the lengthscales of kernel `h` or `e`, n x inputs."""
+    """Return draws of the lengthscales of kernel `h` or `e`, n x inputs."""
     return result.flat(*(name for name in result.names if name.startswith(f"lengthscale_{kernel}.")))
 
 

@@ -42,7 +42,7 @@ _DENSITIES = (
 
 
 def list_parameters(calibration: StoredCalibration) -> list[dict[str, Any]]:
-    """Table 2 of the paper, theta first: statistics with as many digits as each parameter deserves."""
+    """List Table 2 of the paper, theta first: statistics with as many digits as each parameter deserves."""
     found = []
     for name in SHOWN:
         if name in calibration.summary:
@@ -55,7 +55,7 @@ def list_parameters(calibration: StoredCalibration) -> list[dict[str, Any]]:
 
 
 def list_scores(plots: Sequence[Plot]) -> list[dict[str, Any]]:
-    """Correlation, errors, coverage and CRPS of each panel and set of designs."""
+    """List correlation, errors, coverage and CRPS of each panel and set of designs."""
     return [
         {"panel": plot.title, "designs": cloud.label, "n": s.n, "correlation": s.correlation, "rmse_n": s.rmse_n,
          "bias_n": s.bias_n, "coverage_90": s.coverage_90 if plot.has_intervals else None, "crps_n": s.crps_n}
@@ -64,7 +64,7 @@ def list_scores(plots: Sequence[Plot]) -> list[dict[str, Any]]:
 
 
 def draw_agreement(calibration: StoredCalibration, folder: Folder) -> dict[str, Any] | None:
-    """Fig. 3 with its numbers; None where its data cannot be found, or means were not compared."""
+    """Draw Fig. 3 with its numbers; None where its data cannot be found, or means were not compared."""
     plots = calibration.plots
     if calibration.row.data == "trace" or not plots or calibration.checks is None:
         return None
@@ -90,7 +90,7 @@ def draw_agreement(calibration: StoredCalibration, folder: Folder) -> dict[str, 
 
 
 def draw_plots(plots: Sequence[Plot], folder: Folder) -> dict[str, str]:
-    """Before and after by title, each apart, where a phone reads them too."""
+    """Draw the panels before and after by title, each apart, where a phone reads them too."""
     limits = common_limits(plots)
     return {
         plot.title: folder.draw(f"calibration_agreement_{place}", plot_figure(plot, limits))
@@ -99,7 +99,7 @@ def draw_plots(plots: Sequence[Plot], folder: Folder) -> dict[str, str]:
 
 
 def draw_supplement(calibration: StoredCalibration, folder: Folder) -> dict[str, Any]:
-    """Supplementary figures 1-4: densities by label, sensitivities by what depends."""
+    """Draw supplementary figures 1-4: densities by label, sensitivities by what depends."""
     result, priors = calibration.result, calibration.result.settings.priors
     densities = {}
     for name, parameter, label in _DENSITIES:
@@ -132,7 +132,7 @@ def _draw_sensitivities(calibration: StoredCalibration, folder: Folder) -> dict[
 
 
 def draw_chains(calibration: StoredCalibration, folder: Folder) -> dict[str, str]:
-    """Trace and rank plots; the parameters whose chains agree worst and tell least; diagnostics of all as CSV."""
+    """Draw trace and rank plots; find parameters whose chains agree worst and tell least; all diagnostics as CSV."""
     result = calibration.result
     columns = {"r_hat": result.r_hat, "ess_bulk": result.ess_bulk, "ess_tail": result.ess_tail}
     folder.numbers(

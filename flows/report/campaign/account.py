@@ -47,7 +47,7 @@ _ROWS = (
 
 
 def prepare_tools(content: Content, folder: Folder) -> dict[str, Any]:
-    """Every tool, best first."""
+    """Prepare every tool, best first."""
     folder.save(content.quality)
     ranked = sorted(content.tools, key=lambda t: (not t.is_complete, -(t.quality_n or 0.0), t.batch, t.slot))
     top_n = max((t.quality_n or 0.0 for t in ranked), default=0.0)
@@ -55,7 +55,7 @@ def prepare_tools(content: Content, folder: Folder) -> dict[str, Any]:
 
 
 def prepare_cost(content: Content, folder: Folder) -> dict[str, Any]:
-    """Batches, throughput, simulations and failures."""
+    """Prepare batches, throughput, simulations and failures."""
     failures, pace = (content.result(name, sql) for name, sql in _COST_QUERIES.items())
     folder.save(content.batches, content.cost, failures, pace)
     (row,) = pace.rows
@@ -75,7 +75,7 @@ def prepare_cost(content: Content, folder: Folder) -> dict[str, Any]:
 
 
 def _list_throughput(row: Mapping[str, Any], pause_s: float | None, trace_s: float | None) -> list[dict[str, Any]]:
-    """Counts, seconds per grasp, grasps per hour, and what was simulated while the bench worked."""
+    """List counts, seconds per grasp, grasps per hour, and what was simulated while the bench worked."""
     n_meanwhile = number(row["n_simulated_meanwhile"], 0)
     rows = [
         ("grasps measured, failed ones too", number(row["n_grasps"], 0), PAPER["measured"]),
@@ -89,7 +89,7 @@ def _list_throughput(row: Mapping[str, Any], pause_s: float | None, trace_s: flo
 
 
 def prepare_provenance(content: Content, folder: Folder) -> dict[str, Any]:
-    """Where the rows came from, and what the best tool was made from, as `fast lake lineage` tells it."""
+    """Prepare where the rows came from, and what the best tool was made from, as `fast lake lineage` tells it."""
     setups = content.result("setups", queries.SETUPS)
     folder.save(content.provenance, setups)
     told: dict[str, Any] = {
@@ -107,13 +107,13 @@ def prepare_provenance(content: Content, folder: Folder) -> dict[str, Any]:
 
 
 def _describe_setup(row: Mapping[str, Any]) -> str:
-    """Setup and placement of grasps, without what is as on any bench."""
+    """Describe setup and placement of grasps, without what is as on any bench."""
     values = json.loads(row["setup_json"]) | {name: row[name] or None for name in PLACEMENT}
     return ", ".join(f"{key} {value:g}" for key, value in values.items() if value is not None)
 
 
 def prepare_paper(_content: Content, folder: Folder) -> dict[str, Any]:
-    """The paper's figures, and what is missing for those that the sections before this one have not drawn."""
+    """Prepare the paper's figures, and what is missing for those that the sections before have not drawn."""
     return {
         "rows": [
             (figure, what, anchor, "" if any(name.startswith(marks) for name in folder.written) else missing)

@@ -30,7 +30,7 @@ from fast.tasks.campaign.settings import DesignSettings
 
 
 def _asked(name: str, sql: str) -> "cached_property[Result]":
-    """A query whose answer several sections share: asked when the first one needs it."""
+    """Return a query whose answer several sections share: asked when the first one needs it."""
     return cached_property(lambda content: content.result(name, sql))
 
 
@@ -59,7 +59,7 @@ class Content:
         return cls(lake, found[-1], tuple(against))
 
     def result(self, name: str, sql: str, **values: str | float) -> Result:
-        """One query for this campaign."""
+        """Ask one query for this campaign."""
         return fetch(self.lake, name, sql, self.campaign.campaign_id, values)
 
     quality = _asked("tool_quality", queries.TOOL_QUALITY)  # one row per tool
@@ -114,7 +114,7 @@ class Content:
         return nights[-1].version_id if nights else None
 
     def design_of(self, tool: Tool) -> Design:
-        """Design of a mounted tool."""
+        """Return the design of a mounted tool."""
         row = next(row for row in self.designs.rows if row["design_id"] == tool.design_id)
         return design_of_columns(row)
 

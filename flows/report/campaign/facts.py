@@ -66,7 +66,7 @@ class Agreement:
 
 
 def find_references(design_rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """Names of the reference fingers among designs (columns of the table `designs`), by design id."""
+    """Find the names of the reference fingers among designs (columns of the table `designs`), by design id."""
     found = {}
     for row in design_rows:
         try:
@@ -79,7 +79,7 @@ def find_references(design_rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
 
 
 def read_tools(rows: Sequence[Mapping[str, Any]], references: Mapping[str, str] | None = None) -> list[Tool]:
-    """Tools in order of batch and slot; complete means measured on as many objects as the best covered tool.
+    """Read tools in order of batch and slot; complete means measured on as many objects as the best covered tool.
 
     references: names of those designs that are reference fingers, by design id.
     """
@@ -108,7 +108,7 @@ def _half_width(standard_error: float | None, n_freedom: int | None) -> float | 
 
 
 def find_best_tool(tools: Sequence[Tool]) -> Tool | None:
-    """Highest tool quality among the completely measured tools (a few easy objects do not make a good tool).
+    """Find the tool of highest quality among completely measured ones (a few easy objects make no good tool).
 
     A reference finger is what others are compared with: it is the best only where nothing else was measured.
     """
@@ -116,7 +116,7 @@ def find_best_tool(tools: Sequence[Tool]) -> Tool | None:
 
 
 def find_first_batch(tools: Sequence[Tool]) -> list[Tool]:
-    """The completely measured tools of the first random batch (of the first batch, where none was random)."""
+    """Find the completely measured tools of the first random batch (of the first batch, where none was random)."""
     measured = _complete(tools)
     random = [t for t in measured if t.kind == "random"] or measured
     first = min((t.batch for t in random), default=0)
@@ -124,25 +124,25 @@ def find_first_batch(tools: Sequence[Tool]) -> list[Tool]:
 
 
 def find_last_batch(tools: Sequence[Tool]) -> list[Tool]:
-    """The completely measured tools of the newest batch that has any."""
+    """Find the completely measured tools of the newest batch that has any."""
     measured = _complete(tools)
     last = max((t.batch for t in measured), default=0)
     return [t for t in measured if t.batch == last]
 
 
 def _complete(tools: Sequence[Tool]) -> list[Tool]:
-    """The completely measured tools but for reference fingers; these alone where there is nothing else."""
+    """Return the completely measured tools but for reference fingers; these alone where there is nothing else."""
     measured = [t for t in tools if t.is_complete]
     return [t for t in measured if t.reference is None] or measured
 
 
 def average_quality_n(tools: Sequence[Tool]) -> float:
-    """Mean tool quality of measured tools, in N."""
+    """Compute the mean tool quality of measured tools, in N."""
     return float(np.mean([_quality(t) for t in tools]))
 
 
 def count_objects_won(work_rows: Sequence[Mapping[str, Any]], winner: Tool, others: Sequence[Tool]) -> tuple[int, int]:
-    """On how many objects the winner's mean peak force is above the mean of the others; and of how many."""
+    """Count the objects on which the winner's mean peak force is above the mean of the others; and of how many."""
     peaks: dict[tuple[int, int], dict[int, float]] = defaultdict(dict)
     for row in work_rows:
         peaks[row["batch"], row["slot"]][row["object_id"]] = row["peak_force_n"]
@@ -154,7 +154,7 @@ def count_objects_won(work_rows: Sequence[Mapping[str, Any]], winner: Tool, othe
 
 
 def average_objects(pairs: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Simulated and measured force of each tool, from those of tool and object: means over the objects with both."""
+    """Average simulated and measured force of each tool, from those of tool and object, over objects with both."""
     grouped: dict[tuple[int, int], list[tuple[float, float]]] = defaultdict(list)
     for pair in pairs:
         grouped[pair["batch"], pair["slot"]].append((pair["simulated_n"], pair["measured_n"]))
@@ -163,7 +163,7 @@ def average_objects(pairs: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def measure_agreement(pairs: Sequence[Mapping[str, Any]]) -> Agreement:
-    """Pearson and Spearman correlation, root mean square error and mean error (simulated - measured), in N."""
+    """Compute Pearson and Spearman correlation, RMS error and mean error (simulated - measured), in N."""
     simulated = np.array([p["simulated_n"] for p in pairs])
     measured = np.array([p["measured_n"] for p in pairs])
     error = simulated - measured
@@ -178,7 +178,7 @@ def measure_agreement(pairs: Sequence[Mapping[str, Any]]) -> Agreement:
 
 
 def choose_versions(rows: Sequence[Mapping[str, Any]], ordered: Sequence[str], in_use: str | None = None) -> list[str]:
-    """Simulator versions to compare with measurements: the oldest that has pairs, and the one in use.
+    """Choose simulator versions to compare with measurements: the oldest that has pairs, and the one in use.
 
     Where none is in use, or it has no pairs, the newest stands beside the oldest. Where any is of the production tier,
     only that tier is compared. `ordered` lists versions by age.

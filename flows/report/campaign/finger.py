@@ -40,7 +40,7 @@ SYMBOLS = {
 
 
 def prepare_best(content: Content, folder: Folder) -> dict[str, Any]:
-    """The best finger: picture, profile, parameters next to the paper's; empty before the first measurement."""
+    """Prepare the best finger: picture, profile, parameters next to the paper's; empty before the first measurement."""
     best = content.best
     if best is None:
         return {}
@@ -57,7 +57,7 @@ def prepare_best(content: Content, folder: Folder) -> dict[str, Any]:
 
 
 def _list_parameters(space: DesignSpace, design: Design) -> list[dict[str, Any]]:
-    """The parameters, each with its place in the allowed range; of fin rays beside the paper's best."""
+    """List the parameters, each with its place in the allowed range; of fin rays beside the paper's best."""
     rows = []
     published = BEST_PUBLISHED.model_dump() if space.family is FinRay else {}
     places = zip(space.names, *space.to_unit([design]), space.lower, space.upper, space.n_levels, strict=True)
@@ -74,14 +74,14 @@ def _list_parameters(space: DesignSpace, design: Design) -> list[dict[str, Any]]
 
 
 def _next_best(content: Content, best: Tool) -> list[tuple[str, Design]]:
-    """The tools that come after the best one, with their designs."""
+    """Return the tools that come after the best one, with their designs."""
     others = [tool for tool in content.tools if tool.is_complete and tool is not best]
     ranked = sorted(others, key=lambda tool: -(tool.quality_n or 0.0))
     return [(tool.label, content.design_of(tool)) for tool in ranked[:N_NEXT_BEST]]
 
 
 def describe_bounds(space: DesignSpace, design: Design) -> str:
-    """In words: parameters that stand at an end of what is allowed; empty where none does."""
+    """Describe in words the parameters that stand at an end of what is allowed; empty where none does."""
     (place,) = space.to_unit([design])
     ends = [
         f"{spell_name(name)} at the {'lower' if at < 0.5 else 'upper'} one"
@@ -98,7 +98,7 @@ def describe_bounds(space: DesignSpace, design: Design) -> str:
 
 
 def describe_twins(space: DesignSpace, design: Design, others: Sequence[tuple[str, Design]]) -> str:
-    """In words: which of the next best tools are nearly this finger, and what still differs; empty where none is."""
+    """Describe in words which next best tools are nearly this finger, and what still differs; empty where none is."""
     twins, differ = [], set()
     for label, other in others:
         apart = np.abs(space.to_unit([other])[0] - space.to_unit([design])[0])
@@ -118,7 +118,7 @@ def describe_twins(space: DesignSpace, design: Design, others: Sequence[tuple[st
 
 
 def draw_finger(design: Design, mark: str) -> np.ndarray:
-    """Shaded RGBA picture of the two bodies of a finger, seen past its ribs and half from above."""
+    """Draw a shaded RGBA picture of the two bodies of a finger, seen past its ribs and half from above."""
     bodies = finger_bodies(design, mark)
     return render(
         [Body(bodies.compliant, COMPLIANT), Body(bodies.rigid, RIGID)],
@@ -129,7 +129,7 @@ def draw_finger(design: Design, mark: str) -> np.ndarray:
 
 
 def draw_profile(design: Design) -> Figure:
-    """Planar profile in mm, front wall on the left, with the dimensions that make the design."""
+    """Draw the planar profile in mm, front wall on the left, with the dimensions that make the design."""
     figure, axes = new_axes(*PROFILE_SIZE_IN, grid="")
     base = box(0, 0, design.length_mm, BASE_HEIGHT_MM)
     for polygon, colour in ((base, RIGID), (design.draw_section(), COMPLIANT)):
@@ -162,7 +162,7 @@ def _dimension(
     rotation: float = 0,
     below: bool = False,
 ) -> None:
-    """Double arrow with its text: left of an upright one when rotated, below a level one, else right of it."""
+    """Draw a double arrow with its text: left of an upright one when rotated, below a level one, else right of it."""
     arrow = {"arrowstyle": "<|-|>", "color": MUTED, "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 6}
     axes.annotate("", start, end, arrowprops=arrow)
     x, z = (start[0] + end[0]) / 2, (start[1] + end[1]) / 2
@@ -172,7 +172,7 @@ def _dimension(
 
 
 def _wall_labels(axes: Axes, design: FinRay) -> None:
-    """Leaders to the back wall, the front wall and the middle rib, with thickness (mm), number and angle."""
+    """Draw leaders to the back wall, front wall and middle rib, with thickness (mm), number and angle."""
     cavity_mm = design.height_mm - design.tip_length_mm - BASE_HEIGHT_MM
     rib = (design.rib_count + 1) // 2
     rib_z = BASE_HEIGHT_MM + cavity_mm * rib / (design.rib_count + 1)
@@ -188,7 +188,7 @@ def _wall_labels(axes: Axes, design: FinRay) -> None:
 
 
 def _back_x(design: FinRay, z_mm: float) -> float:
-    """Outer surface of the back wall at height z, in mm."""
+    """Return the outer surface of the back wall at height z, in mm."""
     apex_x = design.front_thickness_mm + APEX_EXTRA_MM
     return design.length_mm + (apex_x - design.length_mm) * z_mm / design.height_mm
 

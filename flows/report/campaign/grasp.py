@@ -29,7 +29,7 @@ N_SLICES = 41  # of the object along y
 
 
 def draw_trace(result: GraspSimulation, instants: Sequence[Instant], title: str) -> Figure:
-    """Force on the load cell over the time of closing and over lift; peak, work and the numbered instants marked."""
+    """Draw the load cell's force over closing time and over lift; peak, work and the numbered instants marked."""
     figure = new_figure(8.6, 3.7)
     closing, lift = figure.subplots(1, 2, sharey=True, width_ratios=(1, 2.4))
     trace, is_lift = result.trace, result.trace.is_lift
@@ -96,7 +96,7 @@ class Stage:
 
     @classmethod
     def of(cls, solid: np.ndarray, instants: Sequence[Instant]) -> "Stage":
-        """The stage that holds all of these instants; `solid` (n_rows, N_COLUMNS): the object where it stands."""
+        """Make the stage that holds all of these instants; `solid` (n_rows, N_COLUMNS): the object where it stands."""
         frames = [frame for instant in instants for frame in instant.frames.values()]
         pressed = [frame.pressure_kpa for frame in frames if frame.pressure_kpa.size]
         top_kpa = float(np.percentile(np.concatenate(pressed), 98.0)) if pressed else 1.0
@@ -114,7 +114,7 @@ class Stage:
         return ScalarMappable(Normalize(0.0, self.top_kpa), colormaps[FORCE_COLOURS])
 
     def draw(self, axes: Axes, number: int, instant: Instant) -> None:
-        """Fingers and object at one instant.
+        """Draw fingers and object at one instant.
 
         Drawn are the middle section y = 0 of each finger, the silhouette of the object (dark: its middle section),
         dots where the finger is pressed, coloured by pressure, and arrows for the object's force on the finger.
@@ -131,7 +131,7 @@ class Stage:
 
 
 def draw_instants(solid: np.ndarray, instants: Sequence[Instant], title: str) -> Figure:
-    """The deformed fingers from the side at every instant, in one row, with the contact pressure on them.
+    """Draw the deformed fingers from the side at every instant, in one row, with the contact pressure on them.
 
     `solid` (n_rows, N_COLUMNS): the object where it stands.
     """
@@ -149,7 +149,7 @@ def draw_instants(solid: np.ndarray, instants: Sequence[Instant], title: str) ->
 
 
 def draw_instant(stage: Stage, number: int, instant: Instant) -> Figure:
-    """One instant on its own, for a page that sets several side by side."""
+    """Draw one instant on its own, for a page that sets several side by side."""
     figure = new_figure(PLOT_IN, PLOT_IN * stage.height_over_width + 0.6)
     axes = figure.subplots()
     stage.draw(axes, number, instant)
@@ -165,7 +165,7 @@ def _caption(number: int, instant: Instant) -> str:
 
 
 def _limits(frames: Sequence[Frame], solid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (x, z) of a view that holds both fingers at every instant, and the object."""
+    """Return the corners (x, z) of a view that holds both fingers at every instant, and the object."""
     low, high = (np.array([bound[0], bound[2]]) for bound in bounds(solid))
     for points in (frame.nodes[:, [0, 2]] for frame in frames):
         low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
@@ -173,7 +173,7 @@ def _limits(frames: Sequence[Frame], solid: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def _silhouette(solid: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Grid x (a), z (b), and the distance (b, a) at y = 0 and its least value over y: object seen from the side."""
+    """Return the side view: grid x (a), z (b), and the object's distance (b, a) at y = 0 and its least value over y."""
     low, high = bounds(solid)
     x, z = (np.arange(low[i] - 2 * GRID_MM, high[i] + 3 * GRID_MM, GRID_MM) for i in (0, 2))
     least = np.full((len(z), len(x)), np.inf)
@@ -206,7 +206,7 @@ def _draw_finger(axes: Axes, frame: Frame) -> None:
 
 
 def _draw_pressure(axes: Axes, frame: Frame, colours: ScalarMappable, mm_per_n: float) -> None:
-    """Dots where the finger is pressed, and arrows for the force on it."""
+    """Draw dots where the finger is pressed, and arrows for the force on it."""
     pressure_kpa = frame.pressure_kpa
     if not pressure_kpa.size:
         return

@@ -34,7 +34,7 @@ _MOST_CLASSES = 4  # parameters in the table by class
 
 
 def prepare_insights(content: Content, folder: Folder) -> dict[str, Any] | None:
-    """All cards with their pictures, and `data/insights.json` with every number; None of imported data."""
+    """Prepare all cards with their pictures, and `data/insights.json` with every number; None of imported data."""
     (folder.root / "data" / FILE).unlink(missing_ok=True)
     stored = content.campaign.config_toml
     if is_imported(stored):
@@ -61,7 +61,7 @@ def prepare_insights(content: Content, folder: Folder) -> dict[str, Any] | None:
 
 
 def read_written(report: Path) -> dict[str, Any] | None:
-    """What `prepare_insights` kept in the folder of a report; None where nothing could be said."""
+    """Read what `prepare_insights` kept in the folder of a report; None where nothing could be said."""
     path = report / "data" / FILE
     return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else None
 
@@ -80,7 +80,7 @@ def _tiles(outlook: Outlook) -> list[tuple[str, str]]:
 
 
 def _prepare_effects(found: OutcomeEffects, folder: Folder, is_one_of_several: bool) -> dict[str, Any]:
-    """Curves of the strongest effects, how much of the differences each parameter has, and pairs."""
+    """Prepare curves of the strongest effects, how much of the differences each parameter has, and pairs."""
     unit, suffix = unit_of(found.outcome) or "", f"_{found.outcome}" if is_one_of_several else ""
     of = OUTCOMES[found.outcome].about if is_one_of_several else ""
     if found.n_tools < LEAST_TOOLS:
@@ -113,14 +113,14 @@ def _cards_of(found: OutcomeEffects, unit: str) -> list[Card]:
 
 
 def _limits(effects: Sequence[Effect]) -> tuple[float, float]:
-    """One scale for all curves, so that their sizes can be compared."""
+    """Return one scale for all curves, so that their sizes can be compared."""
     values = [v for effect in effects for v in (*effect.main.low, *effect.main.high, *effect.best.mean)] or [0.0, 1.0]
     room = 0.05 * (max(values) - min(values))
     return min(values) - room, max(values) + room
 
 
 def draw_effect(effect: Effect, unit: str, limits: tuple[float, float]) -> Figure:
-    """The main effect with its band, and the slice through the best finger."""
+    """Draw the main effect with its band, and the slice through the best finger."""
     figure, axes = new_axes(3.1, 2.3)
     x = effect.levels
     axes.fill_between(x, effect.main.low, effect.main.high, color=BEST, alpha=0.22, linewidth=0)
@@ -133,7 +133,7 @@ def draw_effect(effect: Effect, unit: str, limits: tuple[float, float]) -> Figur
 
 
 def draw_shares(effects: Sequence[Effect]) -> Figure:
-    """Sobol' indices with their intervals, the largest first."""
+    """Draw Sobol' indices with their intervals, the largest first."""
     figure, axes = new_axes(4.6, 0.5 + 0.33 * len(effects), grid="x")
     for place, effect in enumerate(effects):
         axes.barh(place, effect.total.middle, height=0.62, color="none", edgecolor=BEST, linewidth=1.0)
@@ -147,7 +147,7 @@ def draw_shares(effects: Sequence[Effect]) -> Figure:
 
 
 def draw_pair(pair: Pair, unit: str) -> Figure:
-    """The mean outcome over two parameters as contours."""
+    """Draw the mean outcome over two parameters as contours."""
     figure, axes = new_axes(4.6, 3.2, grid="")
     filled = axes.contourf(pair.second_levels, pair.first_levels, np.array(pair.grid), levels=9, cmap="viridis")
     axes.set_xlabel(spell_name(pair.second, with_unit=True))
@@ -157,7 +157,7 @@ def draw_pair(pair: Pair, unit: str) -> Figure:
 
 
 def _prepare_pair(found: OutcomeEffects, folder: Folder, unit: str, suffix: str) -> dict[str, str] | None:
-    """The strongest pair that is sure, as contours."""
+    """Prepare the strongest pair that is sure, as contours."""
     pair = next((pair for pair in found.pairs if pair.grid and pair.change.is_sure), None)
     if pair is None:
         return None
@@ -169,7 +169,7 @@ def _prepare_pair(found: OutcomeEffects, folder: Folder, unit: str, suffix: str)
 
 
 def _prepare_classes(classes: Sequence[ClassEffects], effects: Sequence[Effect]) -> dict[str, Any]:
-    """A row for each class of object, a column for each of the strongest parameters."""
+    """Prepare a row for each class of object, a column for each of the strongest parameters."""
     shown = [effect.parameter for effect in effects if effect.size.is_sure][:_MOST_CLASSES]
     shown = shown or [effect.parameter for effect in effects[:_MOST_CLASSES]]
     columns: dict[str, Any] = {"class": "object_class", "objects": ["n_objects", 0], "mean (N)": ["mean_n", 1]}
@@ -183,7 +183,7 @@ def _prepare_classes(classes: Sequence[ClassEffects], effects: Sequence[Effect])
 
 
 def _prepare_simpler(found: Insights, folder: Folder) -> list[str]:
-    """Simpler fingers that are as good, and their designs as a file that a campaign can print from."""
+    """Prepare simpler fingers that are as good, and their designs as a file that a campaign can print from."""
     if not found.simpler:
         return []
     sentences = {card.name: card.sentence for card in found.cards if card.topic == "simplest"}

@@ -25,7 +25,7 @@ _MOST_ROWS = 15  # of the table; the rest is in the CSV
 
 
 def prepare_objectives(content: Content, folder: Folder) -> dict[str, Any] | None:
-    """None where tools were chosen for their mean peak force alone."""
+    """Prepare the objectives; None where tools were chosen for their mean peak force alone."""
     stored = tomllib.loads(content.campaign.config_toml)
     if not {"objectives", "at_least", "at_most"} & set(stored.get("scientist", {})):
         return None
@@ -57,7 +57,7 @@ def prepare_objectives(content: Content, folder: Folder) -> dict[str, Any] | Non
 
 
 def describe_outcome(name: str) -> str:
-    """What an objective or limit is, with its unit."""
+    """Describe what an objective or limit is, with its unit."""
     return OUTCOMES[name].about if name in OUTCOMES else KNOWN[name]
 
 
@@ -72,7 +72,7 @@ def _say(scientist: ScientistSettings, rows: Sequence[Mapping[str, Any]], front:
 
 
 def _name_points(axes: Axes, points: Sequence[tuple[str, float, float]]) -> None:
-    """Names of points, left out where they would lie on another one."""
+    """Name points, but leave out a name where it would lie on another one."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     taken: list[np.ndarray] = []
     for name, x, y in points:
@@ -83,7 +83,7 @@ def _name_points(axes: Axes, points: Sequence[tuple[str, float, float]]) -> None
 
 
 def draw_front(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, str], scientist: ScientistSettings) -> Figure:
-    """Both objectives of every tool; those on the front are joined and named, those beyond a limit are hollow."""
+    """Draw both objectives of every tool; those on the front are joined and named, those beyond a limit hollow."""
     first, second = scientist.objectives
     figure, axes = new_axes(WIDTH_IN, 4.0, grid="both")
     for keeps, face, label in ((False, "none", "breaks a limit"), (True, MUTED, "measured")):

@@ -69,7 +69,7 @@ def write_report(lake: Lake, campaign_id: str, out: Path, against: Sequence[Lake
 
 
 def add_features(lake: Lake, campaign_id: str) -> None:
-    """Features and flags of traces that lack them, as by `fast features`; without any trace, nothing happens."""
+    """Add features and flags of traces that lack them, as by `fast features`; without any trace, nothing happens."""
     try:
         update_features(lake, campaign_id)
         update_anomalies(lake, campaign_id)

@@ -28,7 +28,7 @@ MARKS = {"random": (FIRST, "o"), "guided": (BEST, "D"), "imported": (MUTED, "s")
 
 
 def prepare_headline(content: Content) -> dict[str, Any]:
-    """The result in two sentences, and the key numbers."""
+    """Prepare the result in two sentences, and the key numbers."""
     told: dict[str, Any] = {
         "n_grasps": sum(t.n_grasps for t in content.tools),
         "n_failed": sum(t.n_failed for t in content.tools),
@@ -52,7 +52,7 @@ def prepare_headline(content: Content) -> dict[str, Any]:
 
 
 def _describe_times(content: Content) -> tuple[str, str, str] | None:
-    """Best tool over reference finger, where both are measured: number, words, interval."""
+    """Describe the best tool over the reference finger, where both are measured: number, words, interval."""
     found = content.times_reference
     if found is None:
         return None
@@ -62,14 +62,14 @@ def _describe_times(content: Content) -> tuple[str, str, str] | None:
 
 
 def describe_quality(tool: Tool, digits: int = 2) -> str:
-    """Tool quality with the half width of its interval, where repeats gave one."""
+    """Describe tool quality with the half width of its interval, where repeats gave one."""
     if tool.half_width_n is None:
         return number(tool.quality_n, digits, "N")
     return f"{number(tool.quality_n, digits)} ± {number(tool.half_width_n, digits, 'N')}"
 
 
 def _gain_over(best: Tool, other_n: float | None) -> float | None:
-    """By which share the best tool holds more; None over a tool that holds nothing."""
+    """Return by which share the best tool holds more; None over a tool that holds nothing."""
     return (best.quality_n or 0.0) / other_n - 1 if other_n and other_n > 0 else None
 
 
@@ -92,7 +92,7 @@ def _verdict(content: Content, best: Tool, first_n: float, gain: float | None) -
 
 
 def _compare(gain: float | None) -> str:
-    """A relative difference in words."""
+    """Describe a relative difference in words."""
     if gain is None:
         return "more than"
     percent = round(100 * gain)
@@ -117,7 +117,7 @@ def _caution(content: Content) -> str:
 
 
 def prepare_progress(content: Content, folder: Folder) -> dict[str, Any]:
-    """Tool quality per batch; empty before the first measurement."""
+    """Prepare the tool quality per batch; empty before the first measurement."""
     if content.best is None:
         return {}
     folder.save(content.quality)
@@ -135,7 +135,7 @@ def prepare_progress(content: Content, folder: Folder) -> dict[str, Any]:
 
 
 def draw_quality(tools: Sequence[Tool], best: Tool) -> Figure:
-    """Tool quality against batch: every tool, the spread of a batch, the best so far."""
+    """Draw tool quality against batch: every tool, the spread of a batch, the best so far."""
     measured = [t for t in tools if t.quality_n is not None]
     batches = sorted({t.batch for t in measured})
     figure, axes = new_axes()
@@ -172,7 +172,7 @@ def draw_quality(tools: Sequence[Tool], best: Tool) -> Figure:
 
 
 def _batch_box(axes: Axes, batch: int, values: np.ndarray) -> None:
-    """Quartile box and median of a batch; only the median where the batch is small."""
+    """Draw the quartile box and the median of a batch; only the median where the batch is small."""
     if values.size >= BOX_FROM_N:
         low, high = np.percentile(values, [25, 75])
         axes.bar(batch, high - low, 0.8, bottom=low, color=FAINT, alpha=0.45, linewidth=0)
@@ -222,7 +222,7 @@ class Approach:
 
 
 def prepare_baselines(content: Content, folder: Folder) -> dict[str, Any]:
-    """Best tool so far and tools of the last batch of each approach; empty where there is no other."""
+    """Prepare the best tool so far and tools of the last batch of each approach; empty where there is no other."""
     if content.best is None:
         return {}
     own_name = _parse_name(content.lake.root.name)[0] if content.against else content.campaign.name
@@ -244,7 +244,7 @@ def prepare_baselines(content: Content, folder: Folder) -> dict[str, Any]:
 
 
 def _find_approaches(lake: Lake, content: Content, objects: set[int]) -> list[Approach]:
-    """Campaigns of a lake with measured tools on the same objects; in this lake, other ones than the report's."""
+    """Find campaigns of a lake with measured tools on the same objects; in this lake, others than the report's."""
     is_own = lake is content.lake
     found = []
     for campaign_id in sorted(lake.ids(CampaignRow)):
@@ -261,7 +261,7 @@ def _find_approaches(lake: Lake, content: Content, objects: set[int]) -> list[Ap
 
 
 def _parse_name(folder: str) -> tuple[str, int]:
-    """`fast compare` names its lakes by approach and seed: `measured-only-3`."""
+    """Parse the name that `fast compare` gives its lakes, approach and seed: `measured-only-3`."""
     match = re.fullmatch(r"(.+)-(\d+)", folder)
     return (match[1].replace("-", " "), int(match[2])) if match else (folder, 0)
 

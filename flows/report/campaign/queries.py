@@ -69,7 +69,7 @@ ORDER BY batch, slot, object_id"""
 
 
 def _mean_traces(which: str) -> str:
-    """SQL of the mean force against lift of the valid grasps `which`, for each tool and object, in steps of lift."""
+    """Write SQL of the mean force against lift of the valid grasps `which`, by tool and object, in steps of lift."""
     return f"""
 SELECT tool_id, batch, slot, object_id, (floor(lift_mm / {{step}}) + 0.5) * {{step}} AS lift_mm,
        avg(force_n ORDER BY repeat, lift_mm, force_n) AS force_n
@@ -271,7 +271,7 @@ class Result:
 
 
 def literal(text: str) -> str:
-    """A SQL string literal."""
+    """Return a SQL string literal."""
     return "'" + text.replace("'", "''") + "'"
 
 

@@ -44,7 +44,7 @@ class TimesReference:
 
 
 def compare_with_reference(tools: Sequence[Tool], best: Tool | None) -> TimesReference | None:
-    """The best tool against the reference finger; None where one of them is not measured on every object.
+    """Compare the best tool with the reference finger; None where one of them is not measured on every object.
 
     Of several prints of the reference finger the mean counts, with the interval of a mean of independent tools.
     """

@@ -46,7 +46,7 @@ STABLE_CLASSES = {name for group in GROUPS if group.is_stable for name in group.
 
 
 def prepare_shapes(content: Content, folder: Folder) -> dict[str, Any]:
-    """Panels by group of objects, their features, and grasps lost too early; empty where nothing is measured."""
+    """Prepare panels by group of objects, their features, grasps lost too early; empty where nothing is measured."""
     if content.best is None:
         return {}
     tools, softness = choose_tools(content, content.best)
@@ -88,7 +88,7 @@ def prepare_shapes(content: Content, folder: Folder) -> dict[str, Any]:
 
 
 def choose_tools(content: Content, best: Tool) -> tuple[dict[str, Tool], Result | None]:
-    """Softest and stiffest tool of the first batch, and the best; with simulated contact forces, if they said so.
+    """Choose the first batch's softest and stiffest tool, and the best; with simulated contact forces, if they said so.
 
     The best is none of the other two, where the batch has two others.
     """
@@ -106,7 +106,7 @@ def choose_tools(content: Content, best: Tool) -> tuple[dict[str, Tool], Result 
 
 
 def choose_objects(group: Group, classes: Mapping[int, str]) -> list[int]:
-    """At most `AT_MOST` objects of a group, of as many classes as possible, by number."""
+    """Choose at most `AT_MOST` objects of a group, of as many classes as possible, by number."""
     members: dict[str, list[int]] = defaultdict(list)
     for object_id, name in sorted(classes.items()):
         if name in group.classes:
@@ -116,7 +116,7 @@ def choose_objects(group: Group, classes: Mapping[int, str]) -> list[int]:
 
 
 def draw_shape(curves: Mapping[str, Curve], window: Window) -> Figure:
-    """Force over lift of three tools, and below it the force over its peak."""
+    """Draw force over lift of three tools, and below it the force over its peak."""
     figure = new_figure(WIDTH_IN, HEIGHT_IN)
     force, shape = figure.subplots(2, 1, sharex=True, height_ratios=(1.25, 1.0))
     for what, curve in curves.items():
@@ -134,13 +134,13 @@ def draw_shape(curves: Mapping[str, Curve], window: Window) -> Figure:
 
 
 def _place(row: Mapping[str, Any]) -> dict[str, Any]:
-    """A row with its tool and object in words."""
+    """Return a row with its tool and object in words."""
     tool, obj = tool_label(row["batch"], row["slot"]), f"{row['object_name']} ({row['object_id']})"
     return {**row, "tool": tool, "object": obj}
 
 
 def _list_features(features: Result) -> list[dict[str, Any]]:
-    """Medians of what the traces of each class look like, by group."""
+    """List medians of what the traces of each class look like, by group."""
     groups = {name: group.title for group in GROUPS for name in group.classes}
     order = [group.title for group in GROUPS]
     known = [{**row, "group": groups[row["object_class"]]} for row in features.rows if row["object_class"] in groups]
@@ -148,7 +148,7 @@ def _list_features(features: Result) -> list[dict[str, Any]]:
 
 
 def find_early_loss(content: Content, folder: Folder) -> tuple[dict[str, Any] | None, list[Result]]:
-    """Fig. 5g: the shortest hold among stably grasped objects, between the other tools of its batch; and the next.
+    """Find Fig. 5g: the shortest hold among stably grasped objects, between its batch's other tools; and the next.
 
     None where no features have been calculated; without a picture where no hold is short.
     """
@@ -176,7 +176,7 @@ def find_early_loss(content: Content, folder: Folder) -> tuple[dict[str, Any] | 
 
 
 def draw_loss(curves: Mapping[int, Curve], slot: int, label: str) -> Figure:
-    """One tool's force over lift before those of the others of its batch."""
+    """Draw one tool's force over lift before those of the others of its batch."""
     figure, axes = new_axes(height_in=2.6)
     for other, curve in curves.items():
         if other != slot:

@@ -31,7 +31,7 @@ DENSE_PAIRS = 400
 
 
 def prepare_moments(content: Content, folder: Folder) -> dict[str, Any] | None:
-    """The best tool on the object that it holds best, at five instants; None before the first measurement."""
+    """Prepare the best tool on the object that it holds best, at five instants; None before the first measurement."""
     best, row = content.best, _find_best_held(content)
     if best is None or row is None:
         return None
@@ -66,7 +66,7 @@ def prepare_moments(content: Content, folder: Folder) -> dict[str, Any] | None:
 
 
 def _find_best_held(content: Content) -> dict[str, Any] | None:
-    """Row of `content.work` with the highest peak of the best tool."""
+    """Find the row of `content.work` with the highest peak of the best tool."""
     best = content.best
     if best is None:
         return None
@@ -82,14 +82,14 @@ def _find_object(object_id: int) -> RigidObject | None:
 
 
 def _find_setup(content: Content, tool: Tool, object_id: int) -> GraspSetup:
-    """The setup with which the tool met the object."""
+    """Find the setup with which the tool met the object."""
     grasps = content.lake.records(GraspRow, tool_id=tool.tool_id, object_id=object_id, status="ok")
     ordinary = [grasp for grasp in grasps if grasp.request_id is None]
     return GraspSetup.model_validate_json(ordinary[-1].setup_json)
 
 
 def prepare_agreement(content: Content, folder: Folder) -> dict[str, Any]:
-    """Simulated against measured, per design and per design and object, of each version that is compared."""
+    """Prepare simulated against measured, per design and per design and object, of each version that is compared."""
     rows = {row["version_id"]: row for row in content.versions.rows}
     versions = []
     for place, version_id in enumerate(content.compared):
@@ -109,7 +109,7 @@ def prepare_agreement(content: Content, folder: Folder) -> dict[str, Any]:
 
 
 def draw_agreement(pairs: Sequence[Mapping[str, Any]], what: str) -> Figure:
-    """Simulated against measured peak pull-off force with the line of equality; `what` names a point."""
+    """Draw simulated against measured peak pull-off force with the line of equality; `what` names a point."""
     simulated = np.array([p["simulated_n"] for p in pairs])
     measured = np.array([p["measured_n"] for p in pairs])
     figure, axes = new_axes(WIDTH_IN, 4.2, grid="both")
@@ -140,7 +140,7 @@ def _statistics(stated: Agreement) -> str:
 
 
 def describe_version(row: Mapping[str, Any]) -> str:
-    """In words: tier, theta and effects of a row of `simulator_versions`."""
+    """Describe in words the tier, theta and effects of a row of `simulator_versions`."""
     added = [_describe_effect(effect["effect"], effect["parameters"]) for effect in json.loads(row["effects_json"])]
     names = {
         "young_modulus_mpa": "E {:.3g} MPa",
@@ -163,7 +163,7 @@ def _describe_effect(name: str, parameters: Mapping[str, float]) -> str:
 
 
 def prepare_nights(content: Content, folder: Folder) -> dict[str, Any] | None:
-    """A row for each night with a new simulator; None where there was none and no search has judged one."""
+    """Prepare a row for each night with a new simulator; None where there was none and no search has judged one."""
     lake, campaign_id = content.lake, content.campaign.campaign_id
     nights = read_nights(lake, campaign_id)
     refused = [f"{verdict.sentence}." for verdict in read_verdicts(lake, campaign_id) if not verdict.is_accepted]

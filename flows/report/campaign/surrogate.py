@@ -14,7 +14,7 @@ from fast.models.units import spell_name
 
 
 def prepare_surrogate(content: Content, folder: Folder) -> dict[str, Any]:
-    """Leave-one-out errors and coverage of every fit that chose tools; lengthscales and findings of the last."""
+    """Prepare leave-one-out errors and coverage of every fit that chose tools; the last's lengthscales and findings."""
     source = content.result("fits", queries.FITS)
     fits = [{**row, "label": f"B{row['batch']:02d}"} for row in source.rows]
     if not fits:
@@ -30,7 +30,7 @@ def prepare_surrogate(content: Content, folder: Folder) -> dict[str, Any]:
 
 
 def draw_relevance(fit: Mapping[str, Any], names: Sequence[str]) -> Figure:
-    """Inverse lengthscale of each design parameter, for simulator and discrepancy; long bars bend the outcome most."""
+    """Draw design parameters' inverse lengthscales, for simulator and discrepancy; long bars bend the outcome most."""
     figure, axes = new_axes(WIDTH_IN, 3.4, grid="x")
     for offset, column, colour, label in (
         (-0.19, "lengthscales_h", SIMULATED, "simulation, which measurements share"),

@@ -41,7 +41,7 @@ class Curve:
 
 
 def gather_curves(rows: Sequence[Mapping[str, Any]], *keys: str) -> dict[tuple[Any, ...], Curve]:
-    """Curves by the values of these columns, from rows ordered by lift."""
+    """Gather curves by the values of these columns, from rows ordered by lift."""
     points: dict[tuple[Any, ...], list[tuple[float, float]]] = defaultdict(list)
     for row in rows:
         points[tuple(row[key] for key in keys)].append((row["lift_mm"], row["force_n"]))
@@ -57,7 +57,7 @@ class Window:
 
     @classmethod
     def of(cls, curves: Sequence[Curve], simulated: Sequence[Curve] = ()) -> "Window":
-        """Window of all curves; pushes far below zero, at the start of a lift, are cut off.
+        """Return the window of all curves; pushes far below zero, at the start of a lift, are cut off.
 
         Simulated curves get at most half as much again above the measured ones, which they must not press flat.
         """
@@ -85,7 +85,7 @@ class Window:
 def draw_plot(
     kind: str, object_id: int, name: str | None, figure: Figure, folder: Folder, *, over: str = ""
 ) -> dict[str, Any]:
-    """A figure with picture, name and number of its object; `kind` names the folder, a note goes over it."""
+    """Draw a figure with picture, name and number of its object; `kind` names the folder, a note goes over it."""
     try:
         image = folder.image(f"objects/object_{object_id:02d}", object_picture(object_id))
     except UsageError as error:
@@ -97,7 +97,7 @@ def draw_plot(
 
 
 def prepare_traces(content: Content, folder: Folder) -> dict[str, Any]:
-    """All tools of two batches on every object, the best tool also as simulated; empty where nothing is measured."""
+    """Prepare all tools of two batches on every object, the best also as simulated; empty where nothing is measured."""
     best = content.best
     if best is None:
         return {}
@@ -145,7 +145,7 @@ class BatchPlots:
     window: Window
 
     def draw(self, curves: Mapping[tuple[int, int], Curve], simulated: Curve | None = None) -> Figure:
-        """The figure of an object, from the lines of its tools by batch and slot."""
+        """Draw the figure of an object, from the lines of its tools by batch and slot."""
         figure = new_figure(WIDTH_IN if len(self.batches) > 1 else 0.62 * WIDTH_IN, HEIGHT_IN)
         places = np.atleast_1d(figure.subplots(1, len(self.batches), sharex=True, sharey=True))
         ranked = sorted(self.tools, key=lambda tool: tool.quality_n or 0.0)
@@ -167,12 +167,12 @@ class BatchPlots:
 
 
 def _lighten(colour: str, share: float) -> tuple[float, ...]:
-    """A mixture of a colour, by its share, with white."""
+    """Mix a colour, by its share, with white."""
     return tuple(1.0 - share * (1.0 - part) for part in to_rgb(colour))
 
 
 def describe_specialists(rows: Sequence[Mapping[str, Any]], batches: tuple[int, int]) -> str:
-    """In words: how many tools of a batch are the strongest on at least one object."""
+    """Describe in words how many tools of a batch are the strongest on at least one object."""
     told = []
     for batch in sorted(set(batches)):
         own = sorted((row for row in rows if row["batch"] == batch), key=lambda row: row["peak_force_n"])

@@ -30,7 +30,7 @@ class WorkChange(NamedTuple):
 
 
 def prepare_work(content: Content, folder: Folder) -> dict[str, Any]:
-    """Distributions per object, and what changed from the first batch to the last; empty where nothing is measured."""
+    """Prepare distributions per object, and the change from first to last batch; empty where nothing is measured."""
     if not content.first:
         return {}
     first, last = content.first[0].batch, content.last[0].batch
@@ -57,7 +57,7 @@ def prepare_work(content: Content, folder: Folder) -> dict[str, Any]:
 
 
 def compare_work(content: Content, first: int, last: int) -> list[WorkChange]:
-    """Changes on the objects that tools of both batches have met, the largest first."""
+    """Compare work on the objects that tools of both batches have met: changes, the largest first."""
     found = []
     for (object_id, name), works in sorted(group_work(content.work.rows).items()):
         if works[first] and works[last]:
@@ -68,7 +68,7 @@ def compare_work(content: Content, first: int, last: int) -> list[WorkChange]:
 
 
 def group_work(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[int, str], dict[int, list[float]]]:
-    """Work of the tools of each batch, in J, by number and name of the object."""
+    """Group the work of the tools of each batch, in J, by number and name of the object."""
     found: dict[tuple[int, str], dict[int, list[float]]] = defaultdict(lambda: defaultdict(list))
     for row in rows:
         if row["work_j"] is not None:
@@ -97,7 +97,7 @@ def draw_work(rows: Sequence[Mapping[str, Any]], first: int, last: int) -> Figur
 
 
 def _work_row(axes: Axes, values: np.ndarray, height: float, colour: str, marker: str) -> None:
-    """Dots of the tools on a line from the least to the most, and the median as a bar."""
+    """Draw dots of the tools on a line from the least to the most, and the median as a bar."""
     if not values.size:
         return
     axes.hlines(height, values.min(), values.max(), color=colour, linewidth=1.0, alpha=0.5)

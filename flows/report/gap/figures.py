@@ -24,7 +24,7 @@ _LEAST_SHARE = 2.0  # per cent that the colours of a map always span
 
 
 def draw_errors(evaluation: Evaluation) -> Figure:
-    """Bars of the held-out error, before and after, and the floor as a line."""
+    """Draw bars of the held-out error, before and after, and the floor as a line."""
     labels = [p.label for p in evaluation.predictions]
     values = [evaluation.of(label).rmse_n for label in labels]
     figure, axes = new_axes(WIDTH_IN, 0.9 + 0.42 * len(labels), grid="x")
@@ -45,12 +45,12 @@ def draw_errors(evaluation: Evaluation) -> Figure:
 
 
 def _label(axes: Axes, at: tuple[float, float], words: str, color: str = INK) -> None:
-    """Words to the right of the end of a bar or of a line; blanks before them would be lost in the picture's file."""
+    """Write words to the right of the end of a bar or line; blanks before them would be lost in the picture's file."""
     axes.annotate(words, at, xytext=(4, 0), textcoords="offset points", va="center", fontsize=8.5, color=color)
 
 
 def draw_map(residuals: Residuals, phase: str) -> Figure:
-    """Tools by objects: how much force is missing in a phase, in per cent of the predicted peak."""
+    """Draw tools by objects: how much force is missing in a phase, in per cent of the predicted peak."""
     table, tools, objects = _table(residuals, PHASES.index(phase))
     rows, columns = _by_mean(table)
     shown = 100.0 * table[np.ix_(rows, columns)]
@@ -70,7 +70,7 @@ def draw_map(residuals: Residuals, phase: str) -> Figure:
 
 
 def _table(residuals: Residuals, place: int) -> tuple[np.ndarray, list[str], list[int]]:
-    """Mean relative residual by tool and object, with those that have any; NaN where there is none."""
+    """Compute the mean relative residual by tool and object, with those that have any; NaN where there is none."""
     t, o = len(residuals.tools), len(residuals.objects)
     u = residuals.relative[:, place]
     is_there = np.isfinite(u)
@@ -82,12 +82,12 @@ def _table(residuals: Residuals, place: int) -> tuple[np.ndarray, list[str], lis
 
 
 def _by_mean(table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns in the order of their means, so that what belongs together lies together."""
+    """Return rows and columns in the order of their means, so that what belongs together lies together."""
     return np.argsort(np.nanmean(table, axis=1)), np.argsort(np.nanmean(table, axis=0))
 
 
 def draw_law(law: LawCurve) -> Figure:
-    """The law of what was named, as the data have it, with its 90 % band."""
+    """Draw the law of what was named, as the data have it, with its 90 % band."""
     figure, axes = new_axes(WIDTH_IN, 2.9, grid="both")
     axes.fill_between(law.at, law.low, law.high, color=BEST, alpha=0.18, linewidth=0)
     axes.plot(law.at, law.median, color=BEST, linewidth=2.0)
@@ -98,7 +98,7 @@ def draw_law(law: LawCurve) -> Figure:
 
 
 def draw_rest(rest: Rest) -> Figure:
-    """The force over the lift that nothing in the simulator explains, with its 90 % band over tools and objects."""
+    """Draw the force over lift that nothing in the simulator explains, with its 90 % band over tools and objects."""
     figure, axes = new_axes(WIDTH_IN, 2.9, grid="both")
     axes.axhline(0.0, color=MUTED, linewidth=0.8)
     axes.fill_between(rest.lift_mm, rest.low_n, rest.high_n, color=FIRST, alpha=0.18, linewidth=0)
@@ -110,7 +110,7 @@ def draw_rest(rest: Rest) -> Figure:
 
 
 def draw_names(candidates: Sequence[Candidate], named: Decision) -> Figure:
-    """Evidence for each candidate, the answer's in blue."""
+    """Draw the evidence for each candidate, the answer's in blue."""
     known = [c for c in candidates if c.nats is not None]
     by_name = sorted((c for c in known if c.effect != "unknown"), key=lambda c: -(c.nats or 0.0))
     chosen = by_name[:_MOST_NAMES]
@@ -133,7 +133,7 @@ def draw_names(candidates: Sequence[Candidate], named: Decision) -> Figure:
 
 
 def draw_trace(evaluation: Evaluation, rows: Sequence[int], title: str) -> Figure:
-    """One held-out tool on one object: measured repeats, and the simulator before and after with its 90 % interval."""
+    """Draw a held-out tool on an object: measured repeats, and the simulator before and after, with 90 % interval."""
     figure, axes = new_axes(WIDTH_IN, 2.5, grid="both")
     by_label = {p.label: p for p in evaluation.predictions}
     lift_mm = STEP_MM * (np.arange(evaluation.held_out.measured_n.shape[1]) + 0.5)
@@ -158,7 +158,7 @@ def draw_trace(evaluation: Evaluation, rows: Sequence[int], title: str) -> Figur
 
 
 def draw_classes(evaluation: Evaluation) -> Figure:
-    """Held-out error by class of the object, before and after."""
+    """Draw the held-out error by class of the object, before and after."""
     before, after = evaluation.by_class[BEFORE], evaluation.by_class[AFTER]
     names = sorted(before, key=lambda name: before[name])
     figure, axes = new_axes(WIDTH_IN, 0.9 + 0.24 * len(names), grid="x")
@@ -175,14 +175,14 @@ def draw_classes(evaluation: Evaluation) -> Figure:
 
 
 def name_cell(evaluation: Evaluation, row: int) -> str:
-    """Tool and object of a held-out grasp."""
+    """Return the tool and object of a held-out grasp."""
     held_out = evaluation.held_out
     tool, obj = held_out.tools[held_out.tool[row]], held_out.objects[held_out.obj[row]]
     return f"{shorten_tool(tool)} on the {get_object(obj).name}"
 
 
 def choose_cells(evaluation: Evaluation, n: int = 6) -> list[list[int]]:
-    """Rows of n held-out cells to show: of other objects and tools in turn, from the middle of the errors before."""
+    """Choose n held-out cells to show (rows): other objects and tools in turn, from the middle of the errors before."""
     held_out = evaluation.held_out
     before = next(p for p in evaluation.predictions if p.label == BEFORE)
     squares = ((held_out.measured_n - before.steps_n) ** 2).mean(axis=1)

@@ -111,7 +111,7 @@ def _prepare_page(content: GapPage, folder: Folder) -> dict[str, Any]:
 
 
 def _prepare_round(findings: Findings, place: int, folder: Folder) -> dict[str, Any]:
-    """An answer with its law or what is left, and what each candidate predicts."""
+    """Prepare an answer with its law or what is left, and what each candidate predicts."""
     found, is_leftover = findings.rounds[place], findings.is_leftover(place)
     named, title, n = found.named, describe_decision(found.named), place + 1
     title = f"what is left is most like this: {title}" if is_leftover and named.effects else title
@@ -148,7 +148,7 @@ def _save_candidates(rounds: Sequence[RoundFindings], folder: Folder) -> bool:
 
 
 def _prepare_where(content: GapPage, folder: Folder) -> dict[str, Any] | None:
-    """Maps of the phases and which of them the sentences are about; heavy and unsure cells."""
+    """Prepare maps of the phases and which of them the sentences are about; heavy and unsure cells."""
     residuals = content.residuals
     if not content.where or residuals is None:
         return None
@@ -173,7 +173,7 @@ def _prepare_where(content: GapPage, folder: Folder) -> dict[str, Any] | None:
 
 
 def _prepare_show(evaluation: Evaluation, folder: Folder) -> dict[str, Any]:
-    """Errors beside the floor, classes of objects, held-out traces by title, and all metrics."""
+    """Prepare errors beside the floor, classes of objects, held-out traces by title, and all metrics."""
     traces, held_out = {}, evaluation.held_out
     for place, rows in enumerate(choose_cells(evaluation), 1):
         fresh = [("design", held_out.is_new_tool[rows[0]]), ("object", held_out.is_new_object[rows[0]])]
@@ -191,7 +191,7 @@ def _prepare_show(evaluation: Evaluation, folder: Folder) -> dict[str, Any]:
 
 
 def _list_assumed(content: GapPage) -> list[str]:
-    """What the answer rests on."""
+    """List what the answer rests on."""
     findings = content.findings
     return [
         "Material and friction were fitted again before anything was called a gap; simulated forces are not scaled.",
@@ -205,7 +205,7 @@ def _list_assumed(content: GapPage) -> list[str]:
 
 
 def _describe_constant(row: ThetaRow) -> dict[str, Any]:
-    """A constant before and after, and whether it moved towards what another instrument says."""
+    """Tell a constant before and after, and whether it moved towards what another instrument says."""
     known = row.independent
     return {
         "name": _THETA.get(row.parameter, row.parameter),
@@ -224,7 +224,7 @@ def _median(of: tuple[float, float, float]) -> str:
 
 
 def _moved(before: float, after: float, independent: tuple[float, float] | None) -> str:
-    """Whether a constant came nearer to its independent measurement."""
+    """Tell whether a constant came nearer to its independent measurement."""
     if independent is None or np.isclose(before, after, rtol=0.01):
         return ""
     return "nearer" if abs(after - independent[0]) < abs(before - independent[0]) else "further away"

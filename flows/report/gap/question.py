@@ -18,7 +18,7 @@ _COLOURS = (FIRST, BEST, SIMULATED, "#cc79a7", INK)
 
 
 def prepare_next(content: GapPage, folder: Folder) -> dict[str, Any]:
-    """Values of what to measure next, what earlier questions brought, and aliases with what would tell."""
+    """Prepare values of what to measure next, what earlier questions brought, and aliases with what would tell."""
     findings = content.findings
     asked, ranking = findings.next_experiment, findings.ranking
     tools = ranking.tools if ranking else ()
@@ -58,7 +58,7 @@ def _describe_chance(asked: NextExperiment, name: str) -> str:
 
 
 def draw_predictions(asked: NextExperiment) -> Figure:
-    """What each hypothesis predicts of the asked grasp, force over lift."""
+    """Draw what each hypothesis predicts of the asked grasp, force over lift."""
     figure, axes = new_axes(WIDTH_IN, 2.6)
     for one, colour in zip(asked.predictions, _COLOURS, strict=False):
         lift_mm = STEP_MM * (np.arange(len(one.force_n)) + 0.5)

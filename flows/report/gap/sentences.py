@@ -54,22 +54,22 @@ class GapPage:
 
 
 def describe_effect(effect: str) -> str:
-    """An effect of the catalogue, or what stands in its place, as people write it."""
+    """Describe an effect of the catalogue, or what stands in its place, as people write it."""
     return {"none": "nothing is missing", "unknown": "not in the catalogue"}.get(effect, effect.replace("_", " "))
 
 
 def shorten_tool(tool: str) -> str:
-    """A tool without its campaign, as it is written on it: `B01T0`."""
+    """Shorten a tool to its name without the campaign, as it is written on it: `B01T0`."""
     return tool.rpartition("/")[2]
 
 
 def describe_probability(probability: float) -> str:
-    """A probability to two digits, never 1.00 or 0.00."""
+    """Write a probability to two digits, never 1.00 or 0.00."""
     return "> 0.99" if probability > 0.995 else "< 0.01" if probability < 0.005 else f"{probability:.2f}"
 
 
 def describe_odds(nats: float) -> str:
-    """What so much evidence makes of even odds, for people: 3 nats are `20 to 1`."""
+    """Describe what so much evidence makes of even odds, for people: 3 nats are `20 to 1`."""
     if nats > _MOST_NATS:
         return "> 1000 to 1"
     odds = math.exp(nats)
@@ -77,12 +77,12 @@ def describe_odds(nats: float) -> str:
 
 
 def describe_findings(findings: Findings) -> str:
-    """The finding that a lab head should read."""
+    """Describe the finding that a lab head should read."""
     return f"{describe_in_use(findings)} {_describe_finding(findings)}".strip()
 
 
 def describe_in_use(findings: Findings) -> str:
-    """What the simulator had when the search began, a sentence; empty if that was nothing."""
+    """Describe what the simulator had when the search began, a sentence; empty if that was nothing."""
     names = " and ".join(describe_effect(name) for name in findings.in_use)
     return f"The simulator in use has {names} already, from an earlier search." if names else ""
 
@@ -104,7 +104,7 @@ def _describe_finding(findings: Findings) -> str:
 
 
 def list_discoveries(findings: Findings) -> list[RoundFindings]:
-    """Rounds that found something, without those that speak of what an earlier name left over."""
+    """List the rounds that found something, without those that speak of what an earlier name left over."""
     return [
         found
         for place, found in enumerate(findings.rounds)
@@ -113,7 +113,7 @@ def list_discoveries(findings: Findings) -> list[RoundFindings]:
 
 
 def describe_decision(named: Decision) -> str:
-    """What is missing, in the words of the catalogue."""
+    """Describe what is missing, in the words of the catalogue."""
     if named.kind == "effect":
         return " and ".join(CATALOGUE[e].title if e in CATALOGUE else describe_effect(e) for e in named.effects)
     if named.kind == "set":
@@ -122,7 +122,7 @@ def describe_decision(named: Decision) -> str:
 
 
 def shorten_findings(findings: Findings) -> str:
-    """What is missing, for a tile; a rest that has no name stands in the line under it."""
+    """Tell what is missing, for a tile; a rest that has no name stands in the line under it."""
     named = [found.named for found in list_discoveries(findings)]
     if not named:
         return "no further gap" if findings.in_use else "no gap"
@@ -137,7 +137,7 @@ def shorten_findings(findings: Findings) -> str:
 
 
 def describe_sureness(findings: Findings) -> str:
-    """The line under the tile: how probably the answer is right, whatever it is."""
+    """Write the line under the tile: how probably the answer is right, whatever it is."""
     if not findings.alarm:
         sure = describe_probability(findings.rounds[0].named.probability)
         more = "more " if findings.in_use else ""
@@ -150,7 +150,7 @@ def describe_sureness(findings: Findings) -> str:
 
 
 def describe_closed(gap: Gap) -> tuple[str, str]:
-    """How much of the gap is closed, and the line under it: an interval only where enough was held out."""
+    """Tell how much of the gap is closed, and the line under it: an interval only where enough was held out."""
     closed = f"{100 * gap.closed_fraction:.0f}\u00a0%"
     if gap.ci95 is None:
         few = f"too few designs or objects held out for an interval, which takes {FEWEST_HELD_OUT} of either"
@@ -160,7 +160,7 @@ def describe_closed(gap: Gap) -> tuple[str, str]:
 
 
 def describe_smallness(gap: Gap) -> str:
-    """A sentence for a gap no larger than what repeats scatter or another mesh or contact changes; else empty."""
+    """Describe a gap no larger than what repeats scatter or another mesh or contact changes; else return empty."""
     if gap.rmse_before_n > gap.rmse_floor_n:
         return ""
     return (
@@ -170,7 +170,7 @@ def describe_smallness(gap: Gap) -> str:
 
 
 def list_families(families: Sequence[FamilyTold]) -> list[dict[str, str]]:
-    """What became of made-up worlds, a row for each family that they hide."""
+    """List what became of made-up worlds, a row for each family that they hide."""
     return [
         {
             "family": one.family or "a cause of no catalogue",
@@ -185,12 +185,12 @@ def list_families(families: Sequence[FamilyTold]) -> list[dict[str, str]]:
 
 
 def describe_size(one: SizeTold) -> str:
-    """The smallest size of an effect that would have been seen, in its own unit and of the force."""
+    """Describe the smallest size of an effect that would have been seen, in its own unit and of the force."""
     return one.words if one.share is None else f"{spell_share(one.share, 1)} of the force ({one.words})"
 
 
 def describe_thresholds(thresholds: Mapping[str, float]) -> str:
-    """What counts as a sign of a gap, in a sentence. thresholds: the lines of `PanelTold`."""
+    """Say what counts as a sign of a gap, in a sentence. thresholds: the lines of `PanelTold`."""
     sure = (
         f", or {thresholds['sure_nats']:.0f} where no solver differs by its like" if "sure_nats" in thresholds else ""
     )
@@ -201,7 +201,7 @@ def describe_thresholds(thresholds: Mapping[str, float]) -> str:
 
 
 def describe_notes(found: RoundFindings, is_leftover: bool) -> list[str]:
-    """What keeps an answer from being the last word: sentences."""
+    """Describe what keeps an answer from being the last word: sentences."""
     named, notes = found.named, []
     if is_leftover:
         notes.append(
@@ -237,7 +237,7 @@ def describe_notes(found: RoundFindings, is_leftover: bool) -> list[str]:
 
 
 def _describe_possible(named: Decision) -> list[str]:
-    """What an alarm does not exclude besides what it says, a sentence; none if that is not known."""
+    """Describe what an alarm does not exclude besides what it says, a sentence; none if that is not known."""
     known = (name for name in named.possible if name != UNKNOWN)
     families = list(dict.fromkeys(CATALOGUE[e].family if e in CATALOGUE else describe_effect(e) for e in known))
     if not named.possible:

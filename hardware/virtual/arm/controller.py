@@ -68,7 +68,7 @@ class VirtualArm:
         self.world = WorldState(world, tools, self._solve, layout, self._head_mm)
 
     def settings(self, host: str, script_port: int) -> ArmSettings:
-        """The bench file of this arm."""
+        """Return the bench file of this arm."""
         layout = self.layout
         rack = [(*layout.dock_xy_mm(slot), layout.dock_z_mm) for slot in range(N_SLOTS)]
         placed = [i for i in (*range(N_OBJECTS), *dict(layout.own_objects)) if layout.has_place(i)]
@@ -121,7 +121,7 @@ class VirtualArm:
             self.world.step(self._now_s)
 
     def values(self) -> dict[str, float | list[float]]:
-        """Variables of RTDE now."""
+        """Return the variables of RTDE now."""
         with self.lock:
             pose = self._pose.tolist()
             is_down = "estop_pressed" in self.world.faults
@@ -172,7 +172,7 @@ class VirtualArm:
         self._head = self._find_head_mm()
 
     def _drive(self) -> None:
-        """Valves: output 0 closes the gripper, output 1 locks the tool."""
+        """Drive the valves: output 0 closes the gripper, output 1 locks the tool."""
         grip, lock = bool(self._outputs & 1), bool(self._outputs & 2)
         world = self.world
         if grip and not world.outputs[1]:
@@ -197,7 +197,7 @@ class VirtualArm:
             self.world.docked.update(self._fresh_tools())
 
     def _head_mm(self, now_s: float) -> Point:
-        """The flange in the words of the layout: x, y on the sheet, z of the head; the same object where it stands."""
+        """Give the flange in the layout's words: x, y on the sheet, z of the head; the same object where it stands."""
         return self._head
 
     def _find_head_mm(self) -> Point:
@@ -220,5 +220,5 @@ class VirtualArm:
 
 
 def to_base(layout: BenchLayout, x_mm: float, y_mm: float, z_mm: float) -> Point:
-    """Where the flange is in the base frame when the head is at a place of the layout."""
+    """Return where the flange is in the base frame when the head is at a place of the layout."""
     return x_mm - _ORIGIN_MM[0], y_mm - _ORIGIN_MM[1], z_mm + layout.head_offset_mm + GRIPPER_MM

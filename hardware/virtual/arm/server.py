@@ -91,7 +91,7 @@ class ArmServer:
                 logger.info("Virtual arm: a client has gone (%s)", error)
 
     def _tick(self) -> None:
-        """Time: never faster than asked, slower where the computer is.
+        """Advance time: never faster than asked, slower where the computer is.
 
         At rest it makes one step for every 8 ms of the computer's time: shorter ones would cost half a core.
         """
@@ -130,7 +130,7 @@ class ArmServer:
                 _send(client, kind, b"\x01")
 
     def _stream(self, client: socket.socket, names: list[str]) -> None:
-        """A package after every step, at the controller's own rate."""
+        """Send a package after every step, at the controller's own rate."""
         try:
             while not self._stopping.is_set():
                 with self._stepped:

@@ -46,7 +46,7 @@ Statement = Move | Stop | Output | Register
 
 
 def read_program(text: str) -> list[Statement]:
-    """The statements of a program.
+    """Read the statements of a program.
 
     Raises:
         ValueError: it is no function, or a statement is not understood; a robot would show a message and do nothing.

@@ -50,22 +50,22 @@ class Carriage:
     # Ends
 
     def home_switch_mm(self, axis: int) -> float:
-        """Where the home switch closes."""
+        """Return where the home switch closes."""
         return 0.0 if self._profile.homes_to_plus_end(axis) else -self._profile.travel_mm[axis]
 
     def switch_range_mm(self, axis: int) -> tuple[float, float]:
-        """Between these two places both limit switches of an axis are open."""
+        """Return the two places between which both limit switches of an axis are open."""
         travel = self._profile.travel_mm[axis]
         if self._profile.homes_to_plus_end(axis):
             return -travel - FAR_SWITCH_MM, 0.0
         return -travel, FAR_SWITCH_MM
 
     def is_switch_closed(self, axis: int, now_s: float) -> bool:
-        """Whether the limit input of an axis is active."""
+        """Return whether the limit input of an axis is active."""
         return axis in self.closed_switches(now_s)
 
     def closed_switches(self, now_s: float) -> set[int]:
-        """Axes whose limit input is active."""
+        """Return the axes whose limit input is active."""
         beyond = set()
         for axis, (place, (low, high)) in enumerate(zip(self.true_mm(now_s), self._switch_ranges_mm, strict=True)):
             if place >= high - SWITCH_SLACK_MM or place <= low + SWITCH_SLACK_MM:
@@ -80,11 +80,11 @@ class Carriage:
         return self._leg
 
     def count_mm(self, now_s: float) -> Vector:
-        """What the controller believes."""
+        """Return what the controller believes."""
         return self._count_mm if self._leg is None else self._leg.position_at(now_s)
 
     def true_mm(self, now_s: float) -> Vector:
-        """Where it is, or was at a time within the last legs."""
+        """Return where it is, or was at a time within the last legs."""
         if now_s >= self._since_s or not self._past:
             if self._frozen_mm is not None:
                 return self._frozen_mm
@@ -93,7 +93,7 @@ class Carriage:
         return past.frozen_mm or self._stopped(past.leg.position_at(min(now_s, past.end_s)), past.slip_mm)
 
     def _at_rest(self) -> Vector:
-        """True place without a leg, worked out once: half of all looks find it at rest."""
+        """Return the true place without a leg, worked out once: half of all looks find it at rest."""
         count_mm, slip_mm, true_mm = self._rest
         if count_mm is not self._count_mm or slip_mm is not self._slip_mm:
             true_mm = self._stopped(self._count_mm, self._slip_mm)
@@ -101,7 +101,7 @@ class Carriage:
         return true_mm
 
     def _stopped(self, count_mm: Vector, slip_mm: Vector) -> Vector:
-        """True position for a count: the end stops let nothing pass."""
+        """Return the true position for a count: the end stops let nothing pass."""
         (x, y, z), (x_slip, y_slip, z_slip) = count_mm, slip_mm
         (x_low, x_high), (y_low, y_high), (z_low, z_high) = self._end_stops_mm
         places = [x + x_slip, y + y_slip, z + z_slip]
@@ -152,7 +152,7 @@ class Carriage:
         self._slip_mm = tuple(slip + lost_mm * part for slip, part in zip(slips_mm, leg.direction, strict=True))
 
     def switch_time_s(self, now_s: float) -> float:
-        """When the present leg will open or close a limit switch after `now_s`; infinite if never."""
+        """Find when the present leg will open or close a limit switch after `now_s`; infinite if never."""
         first = math.inf
         leg = self._leg
         if leg is None or not self.is_enabled:
@@ -168,7 +168,7 @@ class Carriage:
         return first
 
     def recount(self, count_mm: Vector, now_s: float) -> None:
-        """The controller takes the present place for `count_mm` (homing, power-up); at rest only."""
+        """Let the controller take the present place for `count_mm` (homing, power-up); at rest only."""
         true_mm = self.true_mm(now_s)
         self._count_mm = count_mm
         self._slip_mm = _difference(true_mm, count_mm)

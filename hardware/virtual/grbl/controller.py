@@ -109,7 +109,7 @@ class GrblController:
         return self._state
 
     def take_output(self) -> bytes:
-        """What the controller has said since the last call."""
+        """Take what the controller has said since the last call."""
         if not self._output:
             return b""
         data = bytes(self._output)
@@ -130,7 +130,7 @@ class GrblController:
         self._reply_status()
 
     def _take(self, code: int) -> None:
-        """One byte in the receive interrupt; a full buffer drops it without a word."""
+        """Take one byte in the receive interrupt; a full buffer drops it without a word."""
         if code in REAL_TIME_CODES:
             self._hear(RealTime(code))
         elif code <= 0x7F and len(self._rx) < RX_BYTES:
@@ -139,14 +139,14 @@ class GrblController:
                 self._go_on()
 
     def _drain_uart(self) -> None:
-        """Interrupts are on again: what the UART kept is taken."""
+        """Take what the UART kept, as interrupts are on again."""
         if self._uart and self._now_s >= self._blackout_s:
             kept, self._uart = bytes(self._uart), bytearray()
             for code in kept:
                 self._take(code)
 
     def next_event_s(self) -> float:
-        """When something happens by itself; infinite if nothing will."""
+        """Return when something happens by itself; infinite if nothing will."""
         event_s = min(self._planner.next_event_s(), self._wake_s, self._boot_s)
         if self._is_status_due and self._can_report():
             return min(event_s, self._report_s + self._report_gap_s)
@@ -220,7 +220,7 @@ class GrblController:
         self._restart()
 
     def _restart(self) -> None:
-        """What a soft reset leads to; the answer of an interrupted line comes out first."""
+        """Restart, as a soft reset does; the answer of an interrupted line comes out first."""
         if self._is_line_open:
             self._say(Ok())
         self._clear_planner()
@@ -297,7 +297,7 @@ class GrblController:
         self._go_on()
 
     def set_motor_enable(self, is_enabled: bool) -> None:
-        """Power of the motors, which the firmware does not see: it counts on while the carriage stands still."""
+        """Switch the motors' power, unseen by the firmware: it counts on while the carriage stands still."""
         self.carriage.set_enabled(is_enabled, self._now_s)
         self._planner.watch_switches(self._now_s)
 
@@ -320,13 +320,13 @@ class GrblController:
         self._go_on()
 
     def lose_alarm(self) -> None:
-        """An edge on a limit wire whose alarm flag got lost: a banner comes unasked, without ALARM (notes, 1.6.8)."""
+        """Lose the alarm flag of an edge on a limit wire: a banner comes unasked, without ALARM (notes, 1.6.8)."""
         self._stop_dead()
         self._restart()
         self._go_on()
 
     def set_override(self, feed_percent: int) -> None:
-        """Feed override turned by somebody else."""
+        """Set the feed override, as turned by somebody else."""
         self._planner.set_feed_percent(feed_percent)
         self._overrides_changed()
 
@@ -373,7 +373,7 @@ class GrblController:
         self._planner.slow_down(self._now_s)
 
     def _open_door(self) -> None:
-        """Safety door: as a hold, with a state of its own; it ends a jog and fails a homing."""
+        """Open the safety door: as a hold, with a state of its own; it ends a jog and fails a homing."""
         if self._state == "Home":
             self._enter_alarm(7)
         elif self._state in ("Idle", "Run", "Jog", "Hold"):
@@ -426,7 +426,7 @@ class GrblController:
         yield from self._delay(duration_s)
 
     def _main_loop(self) -> Wait:
-        """The firmware's main program after a reset."""
+        """Run the firmware's main program after a reset."""
         raise NotImplementedError
 
     # Reports
@@ -451,7 +451,7 @@ class GrblController:
         self._say(self._report())
 
     def _sub_state(self) -> int | None:
-        """Hold:1 and Door:2 while slowing down, 0 at rest."""
+        """Return Hold:1 and Door:2 while slowing down, 0 at rest."""
         slowing = {"Hold": 1, "Door": 2}.get(self._state)
         return slowing and slowing * (self.carriage.leg is not None)
 
@@ -475,10 +475,10 @@ class GrblController:
 
 
 def never() -> bool:
-    """Condition of a firmware that waits for a reset only."""
+    """Return False: the condition of a firmware that waits for a reset only."""
     return False
 
 
 def always() -> bool:
-    """Condition of a firmware that goes on at once."""
+    """Return True: the condition of a firmware that goes on at once."""
     return True

@@ -80,6 +80,6 @@ def split_assignment(text: str) -> tuple[float, str]:
 
 
 def _changed_bytes(old: bytes, new: bytes) -> int:
-    """Bytes that are written: those that differ, and the check sum."""
+    """Count the bytes that are written: those that differ, and the check sum."""
     n_changed = sum(one != other for one, other in zip(old, new, strict=True))
     return n_changed + 1 if n_changed else 0

@@ -80,7 +80,7 @@ Action = Move | Dwell | End | None
 
 
 def split_words(line: str) -> tuple[list[str], dict[str, float]]:
-    """G and M commands in order, and the value of each other letter.
+    """Split into G and M commands in order, and the value of each other letter.
 
     Raises:
         GcodeError: 1 no letter, 2 bad number, 20 unknown word, 23 not whole, 25 repeated letter.
@@ -109,7 +109,7 @@ def split_words(line: str) -> tuple[list[str], dict[str, float]]:
 
 
 def _groups(commands: list[str], known: tuple[str, ...] | None = None) -> dict[str, str]:
-    """Command of each modal group; 20 unknown, 21 two of one group, 23 decimals, 24 two that move or name axes."""
+    """Find each modal group's command; 20 unknown, 21 two of one group, 23 decimals, 24 two that move or name axes."""
     groups: dict[str, str] = {}
     n_axis_commands = 0
     for command in commands:
@@ -143,7 +143,7 @@ def _target(
 
 
 def parse_line(line: str, modal: Modal, position_mm: Vector) -> tuple[Modal, Action]:
-    """New parser state and what to do, for one line of G-code without spaces.
+    """Parse one line of G-code without spaces: return the new parser state and what to do.
 
     Args:
         line: upper case, no spaces, no comments.
@@ -201,7 +201,7 @@ def _refuse_unused(values: dict[str, float]) -> None:
 
 
 def _shifted(modal: Modal, values: dict[str, float], position_mm: Vector, scale: float, word: str) -> Modal:
-    """State after G92 (name the present place) or G92.1 (forget it)."""
+    """Return the state after G92 (name the present place) or G92.1 (forget it)."""
     if word == "G92.1":
         return replace(modal, offset_mm=(0.0, 0.0, 0.0))
     if not any(letter in values for letter in AXES):
@@ -214,7 +214,7 @@ def _shifted(modal: Modal, values: dict[str, float], position_mm: Vector, scale:
 
 
 def parse_jog(line: str, modal: Modal, position_mm: Vector) -> Move:
-    """Move of a `$J=` line (given without the `$J=`); the parser state is untouched.
+    """Parse the move of a `$J=` line (given without the `$J=`); the parser state is untouched.
 
     Without axis words it goes to machine zero, as the firmware does.
 

@@ -89,13 +89,13 @@ class HomingCycle:
         yield from self._delay(self._settings[26] / 1000)
 
     def _count_from_zero(self, axes: tuple[int, ...]) -> None:
-        """Each pass counts from zero, which a report after a failed homing shows."""
+        """Count each pass from zero, which a report after a failed homing shows."""
         count = self._carriage.count_mm(self._now_s())
         fresh = tuple(0.0 if axis in axes else place for axis, place in enumerate(count))
         self._carriage.recount(fresh, self._now_s())
 
     def _way_to_switch(self, axis: int) -> float:
-        """How far an axis must go to close its home switch; infinite if it never will."""
+        """Return how far an axis must go to close its home switch; infinite if it never will."""
         if axis in self._carriage.dead_switches:
             return math.inf
         place_mm = self._carriage.true_mm(self._now_s())[axis]

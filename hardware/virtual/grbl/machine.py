@@ -58,7 +58,7 @@ class GrblMachine(GrblController):
                 self._say(StartupRan(line, f"error:{error.code}"))
 
     def _read_line(self) -> Generator[Condition, None, str | None]:
-        """Next line, cleaned as the firmware does, or None when it was too long."""
+        """Read the next line, cleaned as the firmware does; None when it was too long."""
         kept: list[str] = []
         comment = ""
         n_bytes = 0
@@ -134,7 +134,7 @@ class GrblMachine(GrblController):
                 yield from self._quiet_command(line)
 
     def _simple_command(self, line: str) -> None:
-        """`$$`, `$G`, `$C`, `$X`: no EEPROM, few conditions."""
+        """Run `$$`, `$G`, `$C`, `$X`: no EEPROM, few conditions."""
         if len(line) > 2:
             raise GcodeError(3)
         if line == "$$":
@@ -150,7 +150,7 @@ class GrblMachine(GrblController):
             self._say(Feedback("MSG", "Caution: Unlocked"))
 
     def _quiet_command(self, line: str) -> Wait:
-        """What needs Idle or Alarm."""
+        """Run what needs Idle or Alarm."""
         answer = self._QUERIES.get(line)
         if answer is not None:
             self._say(*answer(self))

@@ -23,7 +23,7 @@ class Phase:
         return self.way_mm(self.duration_s)
 
     def way_mm(self, time_s: float) -> float:
-        """Way covered `time_s` into the phase."""
+        """Return the way covered `time_s` into the phase."""
         return self.speed * time_s + 0.5 * self.acceleration * time_s**2
 
 
@@ -47,7 +47,7 @@ class Leg:
         return sum(phase.length_mm for phase in self.phases)
 
     def way_at(self, now_s: float) -> float:
-        """Way along `direction` at a time; rests before the start and after the end."""
+        """Return the way along `direction` at a time; rests before the start and after the end."""
         if now_s >= self.end_s:
             return self.length_mm
         elapsed, way = max(now_s - self.start_s, 0.0), 0.0
@@ -59,7 +59,7 @@ class Leg:
         return way
 
     def speed_at(self, now_s: float) -> float:
-        """Speed along `direction` at a time, mm/s; 0 before and after."""
+        """Return the speed along `direction` at a time, mm/s; 0 before and after."""
         elapsed = now_s - self.start_s
         if elapsed < 0 or now_s >= self.end_s:
             return 0.0
@@ -70,7 +70,7 @@ class Leg:
         return 0.0
 
     def phases_ahead(self, now_s: float, duration_s: float) -> tuple[Phase, ...]:
-        """What it will do from `now_s` on for `duration_s`, or until its end."""
+        """Return what it will do from `now_s` on for `duration_s`, or until its end."""
         ahead, begin_s = [], self.start_s
         for phase in self.phases:
             skipped_s = min(max(now_s - begin_s, 0.0), phase.duration_s)
@@ -81,13 +81,13 @@ class Leg:
         return tuple(ahead)
 
     def position_at(self, now_s: float) -> Vector:
-        """Position at a time, mm."""
+        """Return the position at a time, mm."""
         way = self.way_at(now_s)
         (x, y, z), (x_part, y_part, z_part) = self.start_mm, self.direction  # a loop takes three times as long
         return (x + x_part * way, y + y_part * way, z + z_part * way)
 
     def time_at_way(self, way_mm: float) -> float:
-        """When `way_mm` is first reached; infinite if it never is."""
+        """Return when `way_mm` is first reached; infinite if it never is."""
         time_s, left = self.start_s, way_mm
         for phase in self.phases:
             if left <= phase.length_mm:
@@ -101,7 +101,7 @@ class Leg:
 
 
 def trapezoid(length_mm: float, speed: float, cruise: float, acceleration: float) -> tuple[Phase, ...]:
-    """Phases over `length_mm` from `speed` to rest, cruising at `cruise` if there is room (mm/s, mm/s2)."""
+    """List phases over `length_mm` from `speed` to rest, cruising at `cruise` if there is room (mm/s, mm/s2)."""
     if speed > cruise:
         slowing = Phase((speed - cruise) / acceleration, speed, -acceleration)
         rest_mm = length_mm - slowing.length_mm
@@ -118,10 +118,10 @@ def trapezoid(length_mm: float, speed: float, cruise: float, acceleration: float
 
 
 def stopping(speed: float, acceleration: float) -> tuple[Phase, ...]:
-    """Phases of a feed hold: from `speed` straight to rest."""
+    """List the phases of a feed hold: from `speed` straight to rest."""
     return (Phase(speed / acceleration, speed, -acceleration),) if speed > MAX_STEP else ()
 
 
 def constant(length_mm: float, speed: float) -> tuple[Phase, ...]:
-    """One phase at constant speed, as homing moves are modelled."""
+    """Return one phase at constant speed, as homing moves are modelled."""
     return (Phase(length_mm / speed, speed, 0.0),) if length_mm > 0 else ()

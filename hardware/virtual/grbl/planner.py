@@ -58,17 +58,17 @@ class Planner:
         return self.n_blocks >= PLANNER_BLOCKS
 
     def next_event_s(self) -> float:
-        """When the present leg ends or meets a switch."""
+        """Return when the present leg ends or meets a switch."""
         leg = self._carriage.leg
         return self.switch_s if leg is None else min(leg.end_s, self.switch_s)
 
     def vector(self, first: int) -> Vector:
-        """Three settings from number `first`."""
+        """Return three settings from number `first`."""
         settings = self._settings
         return (settings[first], settings[first + 1], settings[first + 2])
 
     def on_steps(self, place_mm: Vector) -> Vector:
-        """Nearest place that is a whole number of steps."""
+        """Find the nearest place that is a whole number of steps."""
         return tuple([round(place * steps) / steps for place, steps in zip(place_mm, self.vector(100), strict=True)])
 
     def clear(self) -> None:
@@ -83,7 +83,7 @@ class Planner:
         self._block = None
 
     def reset_overrides(self) -> None:
-        """Back to 100 %."""
+        """Go back to 100 %."""
         self.feed_percent = self.rapid_percent = 100
 
     def add(self, block: Block) -> None:
@@ -121,7 +121,7 @@ class Planner:
         return block
 
     def finish_block(self, now_s: float) -> None:
-        """The present leg has run to its end, and its block with it."""
+        """Finish the present leg, which has run to its end, and its block with it."""
         self.finish_leg(now_s)
         self._block = None
 
@@ -131,7 +131,7 @@ class Planner:
         self.switch_s = math.inf
 
     def slow_down(self, now_s: float) -> None:
-        """Feed hold: go on for what the firmware has prepared, then stop as fast as allowed."""
+        """Slow down for a feed hold: go on for what the firmware has prepared, then stop as fast as allowed."""
         leg = self._carriage.leg
         if leg is None or not any(leg.direction) or leg.end_s <= now_s + HOLD_LATENCY_S:
             return
@@ -150,11 +150,11 @@ class Planner:
             self.start_block(now_s, speed)
 
     def set_feed_percent(self, percent: int) -> None:
-        """Feed override within its limits."""
+        """Set the feed override within its limits."""
         self.feed_percent = min(max(percent, LEAST_FEED_PERCENT), MOST_FEED_PERCENT)
 
     def _cruise(self, block: Block, direction: Vector) -> float:
-        """Speed of a block under the overrides, mm/s; jogs know none, rapids have their own."""
+        """Return the speed of a block under the overrides, mm/s; jogs know none, rapids have their own."""
         fastest = limit_along(direction, self.vector(110)) / SECONDS_PER_MINUTE
         if block.feed_mm_per_s is None:
             return fastest * self.rapid_percent / 100

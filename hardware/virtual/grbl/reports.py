@@ -17,12 +17,12 @@ BUSY_STATES = ("Run", "Jog", "Home", "Hold")
 
 
 def setting_messages(settings: Mapping[int, float]) -> list[Message]:
-    """Answer to `$$`."""
+    """Return the answer to `$$`."""
     return [Setting(number, value) for number, value in sorted(settings.items())]
 
 
 def offset_messages(offset_mm: Vector) -> list[Message]:
-    """Answer to `$#` when only G92 was used."""
+    """Return the answer to `$#` when only G92 was used."""
     zero = format_vector((0.0, 0.0, 0.0))
     names = ("G54", "G55", "G56", "G57", "G58", "G59", "G28", "G30")
     return [
@@ -34,12 +34,12 @@ def offset_messages(offset_mm: Vector) -> list[Message]:
 
 
 def build_messages() -> list[Message]:
-    """Answer to `$I`."""
+    """Build the answer to `$I`."""
     return [Feedback("VER", BUILD), Feedback("OPT", f"VNM+,{PLANNER_BLOCKS},{RX_BYTES}")]
 
 
 def modal_text(modal: Modal) -> str:
-    """Text of the answer to `$G`."""
+    """Return the text of the answer to `$G`."""
     return (
         f"{modal.motion} {modal.work_offset} G17 {modal.units} {modal.distance} G94 M5 M9 T0 "
         f"F{modal.feed_mm_per_min:.0f} S0"
@@ -54,7 +54,7 @@ class ReportCadence:
         self._to_overrides = 0
 
     def restart(self) -> None:
-        """After a reset: offset in the first report, overrides in the second."""
+        """Restart after a reset: offset in the first report, overrides in the second."""
         self._to_offset = self._to_overrides = 0
 
     def offset_changed(self) -> None:
@@ -66,7 +66,7 @@ class ReportCadence:
         self._to_overrides = 0
 
     def complete(self, report: StatusReport, offset_mm: Vector, overrides: tuple[int, int, int]) -> StatusReport:
-        """The report with the fields whose turn it is."""
+        """Complete the report with the fields whose turn it is."""
         is_busy = report.state in BUSY_STATES
         if self._to_offset > 0:
             self._to_offset -= 1

@@ -100,7 +100,7 @@ class VirtualGrbl:
             self._listener = listener
 
     def receive(self, data: bytes) -> None:
-        """Bytes for the controller, as if they had come by the pty."""
+        """Take bytes for the controller, as if they had come by the pty."""
         with self._clock.lock:
             self._take(data)
             self._machine.advance(self._clock.now_s())
@@ -109,7 +109,7 @@ class VirtualGrbl:
     # For the world
 
     def position_mm(self, now_s: float | None = None) -> Place:
-        """True place of the carriage in the workspace at a time (default now), whatever the firmware counts.
+        """Return the carriage's true place in the workspace at a time (default now), whatever the firmware counts.
 
         Times in the past are answered as far back as the last 256 straight moves; times ahead count as now.
         """
@@ -270,7 +270,7 @@ class VirtualGrbl:
                 os.write(self._wake_write, b"w")
 
     def _follow(self, now_s: float) -> None:
-        """The clock has moved."""
+        """Follow the clock, which has moved."""
         if self._is_closed:
             return
         self._machine.advance(now_s)
@@ -279,7 +279,7 @@ class VirtualGrbl:
             self._wake()
 
     def _serve(self) -> None:
-        """Server thread: bytes in, events of clocks that move by themselves, bytes out."""
+        """Run the server thread: bytes in, events of clocks that move by themselves, bytes out."""
         while not self._is_closed:
             readable, _, _ = select.select(
                 [self._master, self._wake_read], [self._master] if self._unsent else [], [], self._wait_s()
@@ -302,7 +302,7 @@ class VirtualGrbl:
                 os.close(descriptor)
 
     def _wait_s(self) -> float | None:
-        """Real seconds until the machine's next event; None for no end."""
+        """Return the real seconds until the machine's next event; None for no end."""
         with self._clock.lock:
             left_s = self._machine.next_event_s() - self._clock.now_s()
             if left_s == math.inf:
@@ -339,6 +339,6 @@ class VirtualGrbl:
 
 
 def _cut_line(data: bytes, count: int) -> bytes:
-    """A line without its first `count` bytes; real-time bytes before it are kept."""
+    """Cut the first `count` bytes off a line; real-time bytes before it are kept."""
     line = data.lstrip(_REAL_TIME_BYTES)
     return data[: len(data) - len(line)] + line[count:]

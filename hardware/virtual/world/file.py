@@ -65,7 +65,7 @@ class World(Record):
     @field_validator("hidden", mode="before")
     @classmethod
     def _fold_parameters(cls, tables: Any) -> Any:
-        """A `[[hidden]]` table names its effect and lists the parameters beside it."""
+        """Fold each `[[hidden]]` table, which names its effect and lists the parameters beside it."""
         return tuple(_fold(table) for table in tables) if isinstance(tables, list | tuple) else tables
 
     @model_validator(mode="after")
@@ -84,7 +84,7 @@ class World(Record):
 
 
 def load_world(text: str, source: str) -> World:
-    """World from the text of its TOML file; `source` names the file in messages.
+    """Load a world from the text of its TOML file; `source` names the file in messages.
 
     Raises:
         ConfigError: no TOML, an unknown key or effect, or a value outside its limits.

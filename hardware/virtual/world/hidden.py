@@ -35,7 +35,7 @@ class RationalSlipFriction(Effect):
         self.slip_scale_mm = slip_scale_mm
 
     def friction_factor(self, slip_mm: np.ndarray, pressure_mpa: np.ndarray) -> np.ndarray:
-        """Factor (n) on the friction coefficient for accumulated slip (n) in mm."""
+        """Compute the factor (n) on the friction coefficient for accumulated slip (n) in mm."""
         ratio = self.kinetic_ratio
         return ratio + (1.0 - ratio) / (1.0 + (np.abs(slip_mm) / self.slip_scale_mm) ** 2)
 
@@ -55,7 +55,7 @@ class DirectionalDilation(Effect):
         self.offset_mm = offset_mm * (1.0 + self.tool_sd * float(np.clip(spread, -2.0, 2.0)))
 
     def modify_profile(self, profile: Polygon, design: Design) -> Polygon:
-        """Planar profile (mm) with its cavities shrunk (or grown, for a negative offset)."""
+        """Return the planar profile (mm) with its cavities shrunk (or grown, for a negative offset)."""
         if self.offset_mm == 0:
             return profile
         cavities = [self._shrink(Polygon(ring)) for ring in profile.interiors]
@@ -63,7 +63,7 @@ class DirectionalDilation(Effect):
         return max(body.geoms, key=lambda part: part.area) if isinstance(body, MultiPolygon) else body
 
     def _shrink(self, cavity: Polygon) -> Polygon:
-        """Anisotropic erosion: stretch so that both offsets are one unit, erode, stretch back."""
+        """Erode anisotropically: stretch so that both offsets are one unit, erode, stretch back."""
         size = abs(self.offset_mm)
         along_z = 0.5 * self.rib_share * size
         stretched = affinity.scale(cavity, 1.0 / size, 1.0 / along_z, origin=(0.0, 0.0))
@@ -86,7 +86,7 @@ class LeakyCylinder(Effect):
         self.jaw_force_n = max_force_n * (1.0 - loss)
 
     def closing_force_limit_n(self) -> float:
-        """Force that is left of the cylinder's, N per jaw."""
+        """Return the force that is left of the cylinder's, N per jaw."""
         return self.jaw_force_n
 
 
@@ -102,17 +102,17 @@ class TiltingPost(Effect):
         self._object_height_mm = 40.0
 
     def modify_object(self, obj: RigidObject) -> RigidObject:
-        """The object as it is; its height is noted."""
+        """Return the object as it is; its height is noted."""
         self._object_height_mm = obj.height_mm
         return obj
 
     def modify_trace(self, trace: Trace) -> Trace:
-        """The trace over the lift of the gantry."""
+        """Return the trace over the lift of the gantry."""
         return over_tilting_post(trace, self.compliance_mm_per_n * self._object_height_mm / 40.0)
 
 
 def over_tilting_post(trace: Trace, compliance_mm_per_n: float) -> Trace:
-    """A trace over the lift of the gantry instead of that against the object; where it goes back, the object sprang."""
+    """Return a trace over the gantry's lift, not that against the object; where it goes back, the object sprang."""
     is_lift = trace.is_lift
     if compliance_mm_per_n == 0.0 or np.count_nonzero(is_lift) < 2:
         return trace
@@ -139,7 +139,7 @@ class SpanError(Effect):
         self.capacity_n = capacity_n
 
     def modify_trace(self, trace: Trace) -> Trace:
-        """Reported force of a true force (n), in N."""
+        """Return the reported force of a true force (n), in N."""
         share = np.clip(np.abs(trace.force_n) / self.capacity_n, 0.0, 1.0)
         return Trace(trace.time_s, trace.lift_mm, trace.force_n * (1.0 + (self.gain - 1.0) * (1.0 - share)))
 
@@ -163,7 +163,7 @@ class MovingAverageLag(Effect):
         return (self.window_share + self.latency_share) * self.time_constant_s
 
     def modify_trace(self, trace: Trace) -> Trace:
-        """Averaged and delayed force (n), in N, at the same times."""
+        """Average and delay the force (n), in N, at the same times."""
         if self.time_constant_s <= 0 or len(trace.time_s) < 2:
             return trace
         window_s = self.window_share * self.time_constant_s
@@ -179,7 +179,7 @@ class LaggingReadings:
         self._felt: deque[tuple[float, float]] = deque()
 
     def report(self, now_s: float, force_n: float) -> float:
-        """Force in N that is reported now, when the cell feels `force_n`."""
+        """Return the force in N that is reported now, when the cell feels `force_n`."""
         self._felt.append((now_s, force_n))
         while len(self._felt) > 2 and self._felt[1][0] < now_s - self._lag.memory_s:
             self._felt.popleft()
@@ -188,12 +188,12 @@ class LaggingReadings:
 
 
 def mean_force_n(trace: Trace, end_s: np.ndarray, window_s: float) -> np.ndarray:
-    """Mean force in N over windows that end at `end_s` (n); the force is constant before the trace."""
+    """Average the force in N over windows that end at `end_s` (n); the force is constant before the trace."""
     return (_impulse(trace, end_s) - _impulse(trace, end_s - window_s)) / window_s
 
 
 def _impulse(trace: Trace, at_s: np.ndarray) -> np.ndarray:
-    """Integral of the piecewise linear force from the trace's start to `at_s`, in N s; constant force before."""
+    """Integrate the piecewise linear force from the trace's start to `at_s`, in N s; constant force before."""
     time_s, force_n = trace.time_s, trace.force_n
     pieces = 0.5 * (force_n[1:] + force_n[:-1]) * np.diff(time_s)
     total = np.concatenate([[0.0], np.cumsum(pieces)])
@@ -262,13 +262,13 @@ TIMED = "load_cell_lag"  # acts on readings as they come, not on a solved trace
 
 
 def find_lag(values: Sequence[EffectValue]) -> LaggingReadings | None:
-    """The lag of a world's transmitter, if it hides one."""
+    """Find the lag of a world's transmitter, if it hides one."""
     found = [value for value in values if value.effect == TIMED and value.parameters["time_constant_s"] > 0]
     return LaggingReadings(MovingAverageLag(**found[0].parameters)) if found else None
 
 
 def build_hidden(values: Sequence[EffectValue], tool_seed: int) -> list[Effect]:
-    """Hidden effects in order. `tool_seed` draws what differs from tool to tool.
+    """Build the hidden effects in order. `tool_seed` draws what differs from tool to tool.
 
     Raises:
         ConfigError: as `check_hidden`.

@@ -76,7 +76,7 @@ def build_request(
     offset_mm: tuple[float, float] = (0.0, 0.0),
     yaw_deg: float = 0.0,
 ) -> PhysicsRequest:
-    """The request of a world for one tool on one object, with the object's placement drawn.
+    """Build a world's request for one tool on one object, with the object's placement drawn.
 
     `offset_mm`, `yaw_deg`: how far in x and y the bench put the object off the middle of the fingers, and turned it, on
     top of what is drawn. No law of a world's grasps knows a speed: the bench plays the same answer at the speed at
@@ -97,7 +97,7 @@ def build_request(
 
 
 def simulate_request(request: PhysicsRequest) -> GraspSimulation:
-    """The default `Physics`: the finite-element grasp with the world's theta, mesh and hidden laws.
+    """Simulate as the default `Physics`: the finite-element grasp with the world's theta, mesh and hidden laws.
 
     Raises:
         SimulationFailed: the solver found no solution, or no mesh (reason `mesh_...`).
@@ -142,7 +142,7 @@ class PhysicsStore(Protocol):
     """Where results outlive the process, such as `hardware.virtual.world.physics_cache`."""
 
     def get(self, request: PhysicsRequest) -> GraspSimulation | None:
-        """The kept result of a request, or None."""
+        """Get the kept result of a request, or None."""
 
     def put(self, request: PhysicsRequest, result: GraspSimulation) -> None:
         """Keep the result of a request."""
@@ -161,7 +161,7 @@ class PhysicsCache:
         self._lock = threading.Lock()
 
     def __call__(self, request: PhysicsRequest) -> GraspSimulation:
-        """Result of the request, solved now unless known.
+        """Return the result of the request, solved now unless known.
 
         Raises:
             SimulationFailed: as the physics behind the cache.
@@ -182,7 +182,7 @@ class PhysicsCache:
             self._results[request.request_id] = result
 
     def missing(self, requests: Iterable[PhysicsRequest]) -> list[PhysicsRequest]:
-        """Those requests that are not known yet, in order and without duplicates."""
+        """List those requests that are not known yet, in order and without duplicates."""
         unique = {request.request_id: request for request in requests}
         with self._lock:
             return [request for key, request in unique.items() if key not in self._results]
@@ -215,11 +215,11 @@ class GraspCurve:
     """From here on the fingers have left the object; infinite if they never do."""
 
     def closing_force_at(self, share: float) -> float:
-        """Force in N when the jaws have made this share of their stroke."""
+        """Return the force in N when the jaws have made this share of their stroke."""
         return float(np.interp(share, self.closing_share, self.closing_force_n))
 
     def lift_force_at(self, lift_mm: float) -> float:
-        """Force in N at a lift; the end values hold outside the curve."""
+        """Return the force in N at a lift; the end values hold outside the curve."""
         lifts_mm, forces_n = self._lift_points
         after = bisect_right(lifts_mm, lift_mm)
         if after == 0 or after == len(lifts_mm):
@@ -234,7 +234,7 @@ class GraspCurve:
 
 
 def grasp_curve(simulation: GraspSimulation, world: World, request: PhysicsRequest, repeat: int) -> GraspCurve:
-    """Curve of one grasp: the solver's trace times the scatter from grasp to grasp."""
+    """Make the curve of one grasp: the solver's trace times the scatter from grasp to grasp."""
     trace = simulation.trace
     force_n = trace.force_n * _repeat_factor(world, request, repeat)
     lift = trace.is_lift
@@ -264,7 +264,7 @@ def _release_lift_mm(lift_mm: np.ndarray, force_n: np.ndarray, max_lift_mm: floa
 
 
 def _placement(world: World, tool_id: str, object_id: int, offset_mm: tuple[float, float], yaw_deg: float) -> Placement:
-    """Where the object sits in this mounting, and how the tool's fingers are turned."""
+    """Return where the object sits in this mounting, and how the tool's fingers are turned."""
     scatter = world.scatter
     x, z = _draws(world, 2, "placement", tool_id, object_id)
     y, yaw = _draws(world, 2, "pose", tool_id, object_id)
@@ -279,12 +279,12 @@ def _placement(world: World, tool_id: str, object_id: int, offset_mm: tuple[floa
 
 
 def _unless_negligible(value: float, limit: float) -> float:
-    """The value, or 0 below the limit; never -0.0, which would be another request."""
+    """Return the value, or 0 below the limit; never -0.0, which would be another request."""
     return value if abs(value) >= limit and value != 0.0 else 0.0
 
 
 def _print_error(world: World, tool_id: str) -> tuple[EffectValue, ...]:
-    """How much thicker than drawn the walls of one printed tool are, by the law of `wall_thickness_offset`."""
+    """Return how much thicker than drawn a printed tool's walls are, by the law of `wall_thickness_offset`."""
     if world.scatter.thickness_sd_mm == 0.0:
         return ()
     (draw,) = _draws(world, 1, "thickness", tool_id)
@@ -293,18 +293,18 @@ def _print_error(world: World, tool_id: str) -> tuple[EffectValue, ...]:
 
 
 def _draws(world: World, n: int, purpose: str, *parts: str | int) -> list[float]:
-    """Standard normal numbers, at most 3."""
+    """Draw standard normal numbers, at most 3."""
     return np.clip(_rng(world, purpose, *parts).standard_normal(n), -3, 3).tolist()
 
 
 def _tool_theta(world: World, tool_id: str) -> Theta:
-    """Theta of one printed tool. Solved with its own modulus: some hidden laws break the scaling of force with E."""
+    """Return one printed tool's theta. Solved with its own modulus: some hidden laws break force's scaling with E."""
     modulus_mpa = world.theta.young_modulus_mpa * tool_modulus_factor(world, tool_id)
     return world.theta.model_copy(update={"young_modulus_mpa": modulus_mpa})
 
 
 def tool_modulus_factor(world: World, tool_id: str) -> float:
-    """True modulus of a printed tool over the world's theta."""
+    """Return the true modulus of a printed tool over the world's theta."""
     draw = float(_rng(world, "tool", tool_id).standard_normal())
     return float(np.exp(world.scatter.tool_modulus_sd * np.clip(draw, -3, 3)))
 
@@ -329,7 +329,7 @@ class SensorNoise:
         self._value_n = self._sd_n * next(self._draws)
 
     def advance(self, n_readings: int) -> float:
-        """Noise in N, `n_readings` after the last call."""
+        """Return the noise in N, `n_readings` after the last call."""
         if self._sd_n == 0.0:
             return 0.0
         rho = self._rho**n_readings
@@ -339,7 +339,7 @@ class SensorNoise:
 
 
 def _normal_draws(rng: np.random.Generator) -> Iterator[float]:
-    """Standard normal numbers without end, the same as one at a time; in blocks, since a call costs what 100 do."""
+    """Yield standard normal numbers without end, the same as one by one; in blocks, as a call costs what 100 do."""
     while True:
         yield from rng.standard_normal(NOISE_BLOCK).tolist()
 

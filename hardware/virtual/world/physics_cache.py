@@ -25,7 +25,7 @@ _WORLD_SOURCES = ("hidden.py", "physics.py")
 
 @cache
 def physics_id() -> str:
-    """Id of the source code that decides the physics of a world: the solver's, and that of the hidden laws."""
+    """Return the id of the source code that decides a world's physics: the solver's, and that of the hidden laws."""
     return f"{solver_id()}-{source_id(Path(__file__).parent, _WORLD_SOURCES)}"
 
 
@@ -42,7 +42,7 @@ class PhysicsFiles:
         self._max_files = max_files
 
     def get(self, request: PhysicsRequest) -> GraspSimulation | None:
-        """The kept result of a request, or None."""
+        """Get the kept result of a request, or None."""
         content = _content(request)
         path = self._path(content)
         try:
@@ -77,7 +77,7 @@ class PhysicsFiles:
 
 
 def _content(request: PhysicsRequest) -> dict[str, Any]:
-    """All that decides the result: the tool's name does not, and its own seed only where there are hidden effects."""
+    """Return all that decides the result: not the tool's name, and its own seed only where there are hidden effects."""
     asked = request.model_dump(mode="json", exclude={"tool_id"} if request.hidden else {"tool_id", "tool_seed"})
     return {"physics": physics_id(), "family": request.design.family, "request": asked}
 

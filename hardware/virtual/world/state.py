@@ -128,7 +128,7 @@ class WorldState:
     # What the ladder does
 
     def set_outputs(self, lock: bool, grip: bool, supply: bool, setpoint_psi: float) -> None:
-        """Valve outputs of the PLC, as of this scan."""
+        """Set the valve outputs of the PLC, as of this scan."""
         if lock != self._lock_output:
             self._lock_output = lock
             self._lock_moves_until_s = self._now_s + LOCK_TRAVEL_S
@@ -139,7 +139,7 @@ class WorldState:
         self._closing_psi = closing_psi(self.supply_psi)
 
     def start_job(self, object_id: int, repeat: int) -> None:
-        """The host labelled the next grasp: its noise starts here, so that a resumed bench draws the same."""
+        """Start the next grasp, labelled by the host: its noise starts here, so that a resumed bench draws the same."""
         self.job = (object_id, repeat)
         tool_id = self.tool.tool_id if self.tool else "none"
         self._noise = SensorNoise(self.world, tool_id, object_id, repeat)
@@ -198,7 +198,7 @@ class WorldState:
         return self.tool is not None or self.dock_slot in self.docked
 
     def is_slot_full(self, slot: int) -> bool:
-        """Presence input of a dock slot: also on while a carried tool is seated in it."""
+        """Return the presence input of a dock slot: also on while a carried tool is seated in it."""
         is_seated = slot in self.docked or (self.tool is not None and self.dock_slot == slot)
         return is_seated and "slots_empty" not in self.faults
 
@@ -218,7 +218,7 @@ class WorldState:
         return self._grasp is not None and self._grasp.is_failed
 
     def grasp_force_n(self) -> float:
-        """True force of the object on the gripper now, in N; > 0 pulls down."""
+        """Return the true force of the object on the gripper now, in N; > 0 pulls down."""
         grasp = self._grasp
         if grasp is None or grasp.curve is None or grasp.closing_since_s is None or self.tool is None:
             return 0.0
@@ -346,7 +346,7 @@ class WorldState:
         self.n_readings += 1
 
     def _hanging_kg(self) -> float:
-        """Mass of head, tool, and what hangs on it."""
+        """Return the mass of head, tool, and what hangs on it."""
         mass_kg = HEAD_MASS_KG
         if self.tool is not None and self.dock_slot is None:
             mass_kg += self.tool.expected_mass_kg * (HEAVY_SHARE if "tool_heavy" in self.faults else 1.0)
@@ -355,17 +355,17 @@ class WorldState:
 
 
 def _to_resolution(length_mm: float) -> float:
-    """The length in steps of 0.05 mm; never -0.0, which would be another request."""
+    """Round the length to steps of 0.05 mm; never -0.0, which would be another request."""
     return round(length_mm * 20) / 20 + 0.0
 
 
 def closing_psi(supply_psi: float) -> float:
-    """Pressure at which the jaws move, at this setting of the supply."""
+    """Return the pressure at which the jaws move, at this setting of the supply."""
     return PRESSURE_OK_SHARE * max(min(supply_psi, USUAL_PRESSURE_PSI), RESTING_PRESSURE_PSI)
 
 
 def at_pressure(world: World, share: float) -> World:
-    """The world at this share of the usual supply pressure: a cylinder's force goes with its pressure."""
+    """Return the world at this share of the usual supply pressure: a cylinder's force goes with its pressure."""
     if abs(share - 1.0) < 1e-6:
         return world
     hidden = tuple(
@@ -378,5 +378,5 @@ def at_pressure(world: World, share: float) -> World:
 
 
 def slots_full(state: WorldState) -> list[bool]:
-    """Presence inputs of all dock slots, 0 to 9."""
+    """Return the presence inputs of all dock slots, 0 to 9."""
     return [state.is_slot_full(slot) for slot in range(N_SLOTS)]

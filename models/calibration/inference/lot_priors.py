@@ -14,7 +14,7 @@ _LEAST_RATIO = 1.05  # of the ends: a narrower prior claims more than a friction
 
 
 def make_lot_priors(name: str, lot: MaterialLot) -> ThetaPriors:
-    """The priors of Table 3, with Young's modulus and friction from a lot where it has them.
+    """Make the priors of Table 3, with Young's modulus and friction from a lot where it has them.
 
     **Young's modulus**: the log-normal with mean m and standard deviation s of the tensile tests,
 
@@ -82,7 +82,7 @@ def _friction(name: str, frictions: list[tuple[str, MaterialMeasurement]]) -> di
 
 
 def _find_shape(ratio: float) -> float:
-    """Shape of the gamma distributions whose 95 % quantile is `ratio` times the 5 % quantile."""
+    """Find the shape of the gamma distributions whose 95 % quantile is `ratio` times the 5 % quantile."""
     from scipy.optimize import brentq  # not with the priors, which commands read that never calibrate
     from scipy.special import gammaincinv
 

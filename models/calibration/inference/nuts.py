@@ -44,7 +44,7 @@ class DensityOp(Op):
         self.n_calls = 0
 
     def make_node(self, *inputs: Any) -> Apply:
-        """Value (scalar) and gradient (k) of one vector (k)."""
+        """Make the node for value (scalar) and gradient (k) of one vector (k)."""
         (values,) = inputs
         return Apply(self, [values], [TensorType("float64", ())(), TensorType("float64", (None,))()])
 
@@ -56,7 +56,7 @@ class DensityOp(Op):
         output_storage[1][0] = np.asarray(gradient, dtype=np.float64)
 
     def L_op(self, inputs: Sequence[Any], outputs: Sequence[Any], output_grads: Sequence[Any]) -> list[Any]:
-        """Reverse-mode rule of the value; the gradient itself is not differentiated."""
+        """Apply the reverse-mode rule of the value; the gradient itself is not differentiated."""
         return [output_grads[0] * outputs[1]]
 
 

@@ -27,7 +27,7 @@ class Optimum(NamedTuple):
 def climb(
     log_density: LogDensity, starts: Sequence[np.ndarray], max_iterations: int = 300, tolerance: float = _TOLERANCE
 ) -> list[Optimum]:
-    """Optima reached by L-BFGS from every start, the highest first; `tolerance` is relative to the density.
+    """Find optima by L-BFGS from every start, the highest first; `tolerance` is relative to the density.
 
     Raises:
         FastError: the density is zero at every start.
@@ -53,7 +53,7 @@ def climb(
 def climb_scaled(
     log_density: LogDensity, start: np.ndarray, root: np.ndarray, max_iterations: int, tolerance: float
 ) -> Optimum:
-    """Optimum reached by L-BFGS in the coordinates u of `start + root u`, where root root' guesses the covariance.
+    """Find an optimum by L-BFGS in the coordinates u of `start + root u`, where root root' guesses the covariance.
 
     Few evaluations are needed when the guess is good: for densities that cost a factor of thousands of simulations.
     """
@@ -67,7 +67,7 @@ def climb_scaled(
 
 
 def find_laplace_covariance(log_density: LogDensity, mode: np.ndarray) -> np.ndarray:
-    """Inverse of the negative Hessian at a maximum, k x k, from central differences of the gradient.
+    """Invert the negative Hessian at a maximum, k x k, from central differences of the gradient.
 
     Curvatures below a floor count as the floor: the maximum need not be exact.
     """
@@ -80,7 +80,7 @@ def find_laplace_covariance(log_density: LogDensity, mode: np.ndarray) -> np.nda
 
 
 def invert_hessian(hessian: np.ndarray) -> np.ndarray:
-    """Inverse of a numerical negative Hessian (k x k), its curvatures at least that of the widest prior."""
+    """Invert a numerical negative Hessian (k x k), its curvatures at least that of the widest prior."""
     curvatures, directions = np.linalg.eigh(0.5 * (hessian + hessian.T))
     covariance = (directions / np.maximum(curvatures, _LEAST_CURVATURE)) @ directions.T
     return np.asarray(0.5 * (covariance + covariance.T))
@@ -89,7 +89,7 @@ def invert_hessian(hessian: np.ndarray) -> np.ndarray:
 def draw_starts(
     log_density: LogDensity, optima: Sequence[Optimum], covariance: np.ndarray, n_chains: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Starts of chains, n_chains x k: the good optima in turn, each with a draw of the normal approximation added.
+    """Draw starts of chains, n_chains x k: good optima in turn, each with a draw of the normal approximation added.
 
     A draw where the density is zero is halved until it is not.
     """
@@ -105,7 +105,7 @@ def draw_starts(
 
 
 def approximate_at_mode(log_density: LogDensity, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mode of a density of unbounded coordinates (k), from `start`, and the inverse of its curvature there (k x k).
+    """Find the mode of a density of unbounded coordinates (k), from `start`, and its inverse curvature there (k x k).
 
     Where the density is flat, as beside a bound, a standard deviation of 2 of a logit is as far as it goes.
     """

@@ -119,7 +119,7 @@ class _Report:
         self._last = 0.0
 
     def hear(self, chain: int, n_done: int, n_divergences: int) -> None:
-        """A chain has made so many draws, tuning included."""
+        """Note that a chain has made so many draws, tuning included."""
         self._done[chain], self._divergences[chain] = n_done, n_divergences
         now = time.monotonic()
         if self._started is None:

@@ -36,7 +36,7 @@ class ParameterSummary(Record):
 
 
 def summarise(draws: np.ndarray, prior: scipy.stats.rv_continuous | None = None) -> ParameterSummary:
-    """Summary of draws of one parameter (any shape); `prior` is a frozen distribution of scipy."""
+    """Summarise draws of one parameter (any shape); `prior` is a frozen distribution of scipy."""
     values = np.ravel(draws)
     q05, median, q95 = np.quantile(values, (0.05, 0.5, 0.95))
     grid, density = curve = estimate_density(values)
@@ -54,7 +54,7 @@ def summarise(draws: np.ndarray, prior: scipy.stats.rv_continuous | None = None)
 
 
 def find_prior(name: str, priors: ThetaPriors, force_scale_n: float | None = None) -> scipy.stats.rv_continuous | None:
-    """Prior of a parameter as a frozen distribution of scipy, in the unit of its draws; None where it has none."""
+    """Find a parameter's prior as a frozen distribution of scipy, in the unit of its draws; None where it has none."""
     if name == "young_modulus_mpa":
         return scipy.stats.lognorm(priors.young_modulus_log_sd, scale=priors.young_modulus_median_mpa)
     if name == "friction":
@@ -86,7 +86,7 @@ class Density(NamedTuple):
 
 
 def estimate_density(draws: np.ndarray) -> Density:
-    """Kernel density of draws (any shape) by ArviZ, mirrored at both ends: mass at a bound is not smeared over it.
+    """Estimate the kernel density of draws (any shape) by ArviZ, mirrored at both ends: no mass smeared over a bound.
 
     The bandwidth is the mean of Silverman's rule and of Botev et al. (2010).
     """
@@ -108,14 +108,14 @@ class DensityMap(NamedTuple):
     density: np.ndarray
 
     def levels(self, *shares: float) -> list[float]:
-        """Densities above which these shares of the probability lie, ascending: contours of highest density."""
+        """Return densities above which these shares of the probability lie, ascending: contours of highest density."""
         ranked = np.sort(self.density, axis=None)[::-1]
         held = np.cumsum(ranked) / ranked.sum()
         return sorted(float(ranked[np.searchsorted(held, share)]) for share in shares)
 
 
 def estimate_density_map(x: np.ndarray, y: np.ndarray, n_bins: int = 128) -> DensityMap:
-    """Kernel density of joint draws (n each), on cells between the smallest and the largest: mirrored at the ends.
+    """Estimate the kernel density of joint draws (n each), on cells from smallest to largest: mirrored at the ends.
 
     Gaussian, with Scott's bandwidth for two dimensions on each axis.
     """

@@ -32,7 +32,7 @@ def spread(
     what: str = "jobs",
     hear: Callable[..., None] | None = None,
 ) -> tuple[list[Result], float]:
-    """Results of `work(shared, job)` in the order of `jobs`, and CPU seconds spent in other processes.
+    """Return results of `work(shared, job)` in the order of `jobs`, and CPU seconds spent in other processes.
 
     `work` must be importable; `shared` is sent once to each process. `progress` hears how many of `what` are done. With
     `hear` the work is called as `work(shared, job, tell)`: what it tells is heard as `hear(number of the job, *told)`,
@@ -89,7 +89,7 @@ def _end_with(parent: int) -> None:
 
 
 def _do(number: int, job: Any) -> tuple[Any, int, float]:
-    """Result, process, and CPU time of that process so far, its start included."""
+    """Return result, process, and CPU time of that process so far, its start included."""
     work, shared, news = _in_process
     tell = [] if news is None else [_Teller(news, number)]
     return work(shared, job, *tell), os.getpid(), time.process_time()

@@ -60,11 +60,11 @@ class CalibrationResult:
     """All that NUTS evaluated, tuning included."""
 
     def of(self, name: str) -> np.ndarray:
-        """Draws of one parameter, chains x n."""
+        """Return the draws of one parameter, chains x n."""
         return self.draws[:, :, self.names.index(name)]
 
     def flat(self, *names: str) -> np.ndarray:
-        """Joint draws of some parameters, (chains n) x len(names)."""
+        """Return joint draws of some parameters, (chains n) x len(names)."""
         columns = [self.names.index(name) for name in names]
         return self.draws[:, :, columns].reshape(-1, len(columns))
 
@@ -86,7 +86,7 @@ def make_result(
     counts: SamplerCounts,
     chains: np.ndarray | None = None,
 ) -> CalibrationResult:
-    """Constrained draws (chains x n x len(names)), diagnosed.
+    """Make a result of constrained draws (chains x n x len(names)), diagnosed.
 
     chains: c x m x k, what the sampler drew of the last k names, where `draws` are resampled from it by weight. Draws
     that were weighted and drawn again look more alike from chain to chain, so the larger R-hat of both counts.
@@ -121,7 +121,7 @@ def make_result(
 def measure_convergence(
     names: Sequence[str], draws: np.ndarray
 ) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
-    """Rank-normalised R-hat, bulk ESS and tail ESS by name (Vehtari et al. 2021), of chains x n x len(names)."""
+    """Measure rank-normalised R-hat, bulk and tail ESS by name (Vehtari et al. 2021), of chains x n x len(names)."""
     with quiet_import():
         import arviz as az
     with warnings.catch_warnings():
@@ -171,7 +171,7 @@ def _convergence_sentences(
 
 
 def _range_sentences(problem: CalibrationProblem, flat: Mapping[str, np.ndarray]) -> list[str]:
-    """Theta where the emulator has no or few simulations. E is not an emulator input where it is a factor."""
+    """Tell of theta where the emulator has no or few simulations. E is not an emulator input where it is a factor."""
     found = []
     for k, name in enumerate(THETA):
         if name == "young_modulus_mpa" and problem.scales_with_modulus:
@@ -229,7 +229,7 @@ def _correlation_sentences(flat: Mapping[str, np.ndarray]) -> list[str]:
 
 
 def find_unit_warnings(modulus_mpa: float, priors: ThetaPriors) -> list[str]:
-    """What a first estimate of Young's modulus far from its prior says about the unit of the forces.
+    """Tell what a first estimate of Young's modulus far from its prior says about the unit of the forces.
 
     Raises:
         UsageError: it is off by about a thousand.

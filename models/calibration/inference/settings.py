@@ -34,7 +34,7 @@ class ThetaPriors(Record):
         return self.young_modulus_median_mpa * math.exp(-(self.young_modulus_log_sd**2))
 
     def draw(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """Draws of theta, n x 3: young_modulus_mpa, friction, poisson_ratio."""
+        """Draw theta, n x 3: young_modulus_mpa, friction, poisson_ratio."""
         modulus_mpa = self.young_modulus_median_mpa * np.exp(self.young_modulus_log_sd * rng.standard_normal(n))
         friction = rng.gamma(self.friction_shape, 1.0 / self.friction_rate, n)
         return np.column_stack(
@@ -42,7 +42,7 @@ class ThetaPriors(Record):
         )
 
     def quantile(self, shares: np.ndarray) -> np.ndarray:
-        """Theta (... x 3) with prior probabilities `shares` (... x 3) below it."""
+        """Return theta (... x 3) with prior probabilities `shares` (... x 3) below it."""
         from scipy.special import gammaincinv, ndtri  # not with the settings, which every command reads
 
         modulus, friction, poisson_ratio = np.moveaxis(np.asarray(shares), -1, 0)
@@ -83,12 +83,12 @@ class CalibrationSettings(Record):
     workers: int = Field(default=2, ge=1, le=64, description="processes; changes no result")
 
     def at_most(self, draws: int, tune: int) -> "CalibrationSettings":
-        """The same with at most so many draws kept and dropped per chain."""
+        """Return the same with at most so many draws kept and dropped per chain."""
         return self.model_copy(update={"draws": min(self.draws, draws), "tune": min(self.tune, tune)})
 
 
 def read_settings(settings_json: str) -> CalibrationSettings:
-    """Settings as a stored calibration has them, but for `method`: other versions of the program knew other methods.
+    """Read settings as a stored calibration has them, except `method`: other program versions knew other methods.
 
     Which one made the draws is the column `sampler`. Fields that are unknown today are left out.
     """

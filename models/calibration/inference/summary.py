@@ -13,7 +13,7 @@ ESS_WEIGHTED = 280.0  # a tenth of the draws that are weighted at most, unless t
 
 
 def summarise_all(result: CalibrationResult, force_scale_n: float | None = None) -> dict[str, ParameterSummary]:
-    """Summary of every parameter. `force_scale_n` (`Standardised`) turns the priors of sd and noise into N."""
+    """Summarise every parameter. `force_scale_n` (`Standardised`) turns the priors of sd and noise into N."""
     return {
         name: summarise(result.of(name), find_prior(name, result.settings.priors, force_scale_n))
         for name in result.names
@@ -21,19 +21,19 @@ def summarise_all(result: CalibrationResult, force_scale_n: float | None = None)
 
 
 def summarise_theta(result: CalibrationResult) -> dict[str, ParameterSummary]:
-    """Table 2 of the paper: young_modulus_mpa, friction, poisson_ratio."""
+    """Make Table 2 of the paper: young_modulus_mpa, friction, poisson_ratio."""
     return {name: summarise(result.of(name), find_prior(name, result.settings.priors)) for name in THETA}
 
 
 def correlate_ranks(result: CalibrationResult) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names and Spearman's correlations, k x k, of theta, rho where it is free, discrepancy and noise."""
+    """Return names and Spearman's correlations, k x k, of theta, rho where it is free, discrepancy and noise."""
     names = tuple(name for name in (*THETA, "rho", "sd_e_n", "noise_sd_n") if name in result.names)
     ranks = np.apply_along_axis(scipy.stats.rankdata, 0, result.flat(*names))
     return names, np.corrcoef(ranks.T)
 
 
 def check_quality(result: CalibrationResult) -> str:
-    """The quality gate: why no simulator may be built on these draws, and what to do; empty if one may."""
+    """Apply the quality gate: say why no simulator may be built on these draws and what to do; empty if one may."""
     fault = check_convergence(result)
     if not fault and find_theta(summarise_theta(result)) is None:
         return "the median of theta is outside what the simulator takes; compare the data's units and setup."
@@ -41,7 +41,7 @@ def check_quality(result: CalibrationResult) -> str:
 
 
 def check_convergence(result: CalibrationResult) -> str:
-    """Why these draws are not of the posterior, and what to do; empty if they are.
+    """Say why these draws are not of the posterior, and what to do; empty if they are.
 
     Weighted draws must have weights that hold, and be worth a tenth of their number, at most `ESS_WEIGHTED`.
     """
@@ -64,12 +64,12 @@ def check_convergence(result: CalibrationResult) -> str:
 
 
 def has_good_weights(result: CalibrationResult) -> bool:
-    """Whether importance weights were tried and hold."""
+    """Return whether importance weights were tried and hold."""
     return result.k_hat is not None and result.k_hat < K_HAT_LIMIT
 
 
 def find_theta(summary: dict[str, ParameterSummary]) -> Theta | None:
-    """Theta of the calibrated simulator: the medians; None where they are outside what a simulator takes.
+    """Find theta of the calibrated simulator: the medians; None where they are outside what a simulator takes.
 
     Medians, since they do not depend on whether E or ln E is averaged, and long tails do not move them.
     """
@@ -79,5 +79,5 @@ def find_theta(summary: dict[str, ParameterSummary]) -> Theta | None:
 
 
 def find_worst(result: CalibrationResult) -> tuple[float, float]:
-    """Largest R-hat and smallest bulk effective sample size of theta."""
+    """Find the largest R-hat and the smallest bulk effective sample size of theta."""
     return max(result.r_hat[name] for name in THETA), min(result.ess_bulk[name] for name in THETA)

@@ -17,7 +17,7 @@ FALLBACK_DRAWS, FALLBACK_TUNE = 1400, 600  # per chain, at most: a gradient of j
 def calibrate(
     problem: CalibrationProblem, settings: CalibrationSettings, progress: Progress | None = None
 ) -> CalibrationResult:
-    """Posterior over theta, rho, discrepancy, emulator and noise (Eq. 9-12 of the FAST paper).
+    """Compute the posterior over theta, rho, discrepancy, emulator and noise (Eq. 9-12 of the FAST paper).
 
     With `method = "auto"` the factorised algorithm is tried first and kept where its draws have converged. Else small
     problems get full joint NUTS; large ones are sampled again, longer, if only their sample sizes fall short. What has
@@ -54,7 +54,7 @@ def _calibrate_checked(
 
 
 def _with_cost_of(first: CalibrationResult, second: CalibrationResult, name: str) -> CalibrationResult:
-    """The second of two results, with the cost of both."""
+    """Return the second of two results, with the cost of both."""
     steps = {f"{name} {step}": cpu_s for step, cpu_s in first.steps.items()} | dict(second.steps)
     return dataclasses.replace(second, cpu_s=first.cpu_s + second.cpu_s, steps=steps)
 

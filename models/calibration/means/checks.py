@@ -53,7 +53,7 @@ class CalibrationChecks:
 def check_calibration(
     problem: CalibrationProblem, result: CalibrationResult, theta_before: np.ndarray, n_draws: int = N_DRAWS
 ) -> CalibrationChecks:
-    """All checks in one pass over thinned draws. theta_before: 3, physical."""
+    """Do all checks in one pass over thinned draws. theta_before: 3, physical."""
     rng = np.random.default_rng(result.settings.seed)
     parts = [_at_draw(model, problem.x_real, theta_before, rng) for model in condition_models(problem, result, n_draws)]
     before, after, left_out, discrepancy = (
@@ -83,7 +83,7 @@ def _at_draw(model: DrawnModel, x: np.ndarray, theta_before: np.ndarray, rng: np
 
 
 def _left_out_weights(left_out: Mixture, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weights of the draws without each measurement, draws x m, and their Pareto k, m."""
+    """Return the weights of the draws without each measurement, draws x m, and their Pareto k, m."""
     log_weights = np.log(left_out.sds) + 0.5 * ((y - left_out.means) / left_out.sds) ** 2
     smoothed = [smooth_weights(column) for column in log_weights.T]
     return np.column_stack([weights for weights, _ in smoothed]), np.array([k_hat for _, k_hat in smoothed])
@@ -92,7 +92,7 @@ def _left_out_weights(left_out: Mixture, y: np.ndarray) -> tuple[np.ndarray, np.
 def measure_relevance(
     predict: Callable[[np.ndarray], np.ndarray], inputs: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Relevance of each column of `inputs` (n x d) for a function of them that returns n values, d."""
+    """Measure the relevance of each column of `inputs` (n x d) for a function of them that returns n values, d."""
     values = predict(inputs)
     spread = float(np.var(values))
     relevance = np.zeros(inputs.shape[1])
@@ -108,7 +108,7 @@ def measure_relevance(
 
 
 def measure_emulator_relevance(model: DrawnModel, rng: np.random.Generator) -> np.ndarray:
-    """Relevance of the simulator's inputs at up to `N_POINTS` of the simulations, d: nine of a design, then theta."""
+    """Measure relevance of the simulator's inputs at up to `N_POINTS` simulations, d: nine of a design, then theta."""
     z = model.emulator.data.z_sim
     points = z[rng.permutation(len(z))[:N_POINTS]]
     return measure_relevance(model.emulator.mean, points, rng)
@@ -123,7 +123,7 @@ class Score:
 
 
 def is_held_out(groups: list[str], seed: int) -> np.ndarray:
-    """Mask (m) of the held-out designs; `groups`: what each measurement is of, oldest first.
+    """Return the mask (m) of the held-out designs; `groups`: what each measurement is of, oldest first.
 
     One, drawn, of each five designs in the order in which they were first measured. So a design stays on its side when
     more are measured, and the prints of one design are always on the same side. None of fewer than ten designs.
@@ -137,7 +137,7 @@ def is_held_out(groups: list[str], seed: int) -> np.ndarray:
 
 
 def score(predicted_n: np.ndarray, measured_n: np.ndarray) -> Score:
-    """Correlation and root mean square error of predictions (m) of measured forces (m), N."""
+    """Compute correlation and root mean square error of predictions (m) of measured forces (m), N."""
     rmse_n = float(np.sqrt(np.mean((predicted_n - measured_n) ** 2)))
     can_correlate = len(measured_n) >= MIN_CORRELATED and min(np.ptp(predicted_n), np.ptp(measured_n)) > 0
     return Score(float(np.corrcoef(predicted_n, measured_n)[0, 1]) if can_correlate else None, rmse_n)

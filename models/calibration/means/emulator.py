@@ -52,21 +52,21 @@ class Emulator:
         return Emulator(data, phi, lower, cho_solve((lower, True), data.y_sim, check_finite=False))
 
     def inputs(self, x: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Inputs z of designs x (m x 9, unit cube) at theta (3, or m x 3, physical), m x d."""
+        """Return inputs z of designs x (m x 9, unit cube) at theta (3, or m x 3, physical), m x d."""
         every = np.broadcast_to(theta, (len(x), 3))
         return np.column_stack([x, unit_theta(every, self.data.scales_with_modulus)])
 
     def mean(self, z: np.ndarray) -> np.ndarray:
-        """Posterior mean of g at z (m x d), m."""
+        """Compute the posterior mean of g at z (m x d), m."""
         return np.asarray(matern52(z, self.data.z_sim, self.phi.lengthscales, self.phi.sd) @ self.alpha)
 
     def whitened(self, z: np.ndarray) -> np.ndarray:
-        """L^-1 k_h(Z, z), n x m: its Gram matrix is the covariance that the simulations explain."""
+        """Compute L^-1 k_h(Z, z), n x m: its Gram matrix is the covariance that the simulations explain."""
         cross = matern52(self.data.z_sim, z, self.phi.lengthscales, self.phi.sd)
         return np.asarray(solve_triangular(self.lower, cross, lower=True, check_finite=False))
 
     def simulated(self, x: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean (N) and variance (N^2) of the simulator's force for designs x (m x 9, unit cube) at theta (3, physical).
+        """Give mean (N) and variance (N^2) of simulated force for designs x (m x 9, unit cube) at theta (3, physical).
 
         Learned from the simulations alone, without rho; the nugget is part of the variance.
         """
@@ -84,7 +84,7 @@ class EmulatorMode(NamedTuple):
 
 
 def factorise(phi: Phi, data: Standardised) -> Emulator | None:
-    """The emulator at phi, fast and without jitter; None where it is numerically singular."""
+    """Make the emulator at phi, fast and without jitter; None where it is numerically singular."""
     K = matern52_with_slope(data.z_sim, phi.lengthscales, phi.sd).covariance.T  # faster than the covariance alone
     K[np.diag_indices_from(K)] += data.variance_sim + phi.nugget**2
     found = log_normal(K, data.y_sim)
@@ -115,7 +115,7 @@ def log_posterior(values: np.ndarray, data: Standardised, parameters: Parameters
 def find_mode(
     data: Standardised, parameters: Parameters, seed: int, progress: Callable[[str], None] | None = None
 ) -> EmulatorMode:
-    """Phi of the largest posterior density given the simulations alone.
+    """Find phi of the largest posterior density given the simulations alone.
 
     Searched on a random subset first; its curvature then guides the search on all simulations.
 
@@ -140,7 +140,7 @@ def find_mode(
 
 
 def _subset(data: Standardised, rng: np.random.Generator) -> Standardised:
-    """Some of the simulations, with all measurements."""
+    """Take some of the simulations, with all measurements."""
     if len(data.y_sim) <= SUBSET_SIZE:
         return data
     rows = np.sort(rng.choice(len(data.y_sim), SUBSET_SIZE, replace=False))
@@ -166,5 +166,5 @@ def find_root(K: np.ndarray, what: str) -> np.ndarray:
 
 
 def sum_squares(columns: np.ndarray) -> np.ndarray:
-    """Sum of the squares of each column (n x m), m."""
+    """Sum the squares of each column (n x m), m."""
     return np.asarray(np.einsum("ij,ij->j", columns, columns))

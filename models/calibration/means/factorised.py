@@ -87,7 +87,7 @@ class _Peak:
 def calibrate_factorised(
     problem: CalibrationProblem, settings: CalibrationSettings, progress: Progress | None = None, length: int = 1
 ) -> CalibrationResult:
-    """Posterior of every parameter (Eq. 12), as draws resampled by weight into `settings.chains` chains.
+    """Find the posterior of every parameter (Eq. 12), as draws resampled by weight into `settings.chains` chains.
 
     NUTS draws as many psi as `settings` ask for, at most `MOST_DRAWS` a chain; at most `N_WEIGHTED` of them, evenly
     spaced, are weighted, and as many are returned; `length` times as many of both. `k_hat` of the result must be below
@@ -111,7 +111,7 @@ def calibrate_factorised(
 
 
 def _find_peak(measured: Measurements, settings: CalibrationSettings, steps: _Steps) -> _Peak:
-    """Mode of the joint posterior, found from those of phi alone and of psi given phi."""
+    """Find the mode of the joint posterior, from those of phi alone and of psi given phi."""
     data, parameters = measured.data, measured.parameters
     with steps("emulator"):
         phi = find_mode(data, parameters, settings.seed, steps.say)
@@ -134,7 +134,7 @@ def _find_peak(measured: Measurements, settings: CalibrationSettings, steps: _St
 
 
 def factorise_at(phi: np.ndarray, measured: Measurements) -> Emulator:
-    """The emulator at a phi in vector form.
+    """Make the emulator at a phi in vector form.
 
     Raises:
         FastError: the covariance is singular there.
@@ -155,7 +155,7 @@ def _sample_psi(
     rng: np.random.Generator,
     length: int = 1,
 ) -> tuple[RidgeDensity, Samples]:
-    """NUTS on psi at the mode's phi, in a box of theta that grows until short trial chains stay inside."""
+    """Run NUTS on psi at the mode's phi, in a box of theta that grows until short trial chains stay inside."""
     psi = peak.vector[measured.parameters.n_phi :]
     box = find_first_box(measured, psi, peak.psi_covariance)
     for attempt in range(MAX_GROWTH + 1):
@@ -187,7 +187,7 @@ def _sample_psi(
 
 
 def _temper(surrogate: ThetaSurrogate, psi: np.ndarray) -> PchipInterpolator | None:
-    """What is taken off along friction, where E is a factor and the ridge has summits with deep passes."""
+    """Find what is taken off along friction, where E is a factor and the ridge has summits with deep passes."""
     if not surrogate.measured.data.scales_with_modulus:
         return None
     low, high = _prior_range(surrogate.measured, _RIDGE_TAIL)
@@ -209,14 +209,14 @@ def _run(
 
 
 def _outside(draws: np.ndarray, surrogate: ThetaSurrogate) -> np.ndarray:
-    """Share of draws (n x n_psi) outside the box by side and input, 2 x k."""
+    """Return the share of draws (n x n_psi) outside the box by side and input, 2 x k."""
     measured = surrogate.measured
     t = np.array([measured.inputs(theta) for theta in measured.parameters.theta(draws[:, -3:])])
     return np.asarray(surrogate.box.is_outside(t).mean(axis=0))
 
 
 def find_first_box(measured: Measurements, psi: np.ndarray, covariance: np.ndarray) -> Box:
-    """Box of the inputs t around the mode, within what the prior of theta allows.
+    """Find the box of the inputs t around the mode, within what the prior of theta allows.
 
     The Poisson ratio keeps its whole range: it is short, and posteriors lean against its ends. Where E is a factor,
     friction has all that is likely before: the ridge may run along it, which the curvature at the mode does not tell.
@@ -233,7 +233,7 @@ def find_first_box(measured: Measurements, psi: np.ndarray, covariance: np.ndarr
 
 
 def _prior_range(measured: Measurements, tail: float) -> tuple[np.ndarray, np.ndarray]:
-    """Unconstrained theta (3) between which the prior has all but `tail` of its mass on either side."""
+    """Find unconstrained theta (3) between which the prior has all but `tail` of its mass on either side."""
     priors = measured.parameters.priors
     reach = -ndtri(tail) * priors.young_modulus_log_sd
     modulus = np.log(priors.young_modulus_median_mpa)

@@ -42,7 +42,7 @@ class HypercubePoint:
 
 
 def draw_hypercube(plan: HypercubePlan) -> list[HypercubePoint]:
-    """The points of a plan, the same whenever it is asked for.
+    """Draw the points of a plan, the same whenever it is asked for.
 
     Theta spans the ranges of the paper (E 2 to 200 MPa, friction 0.02 to 2, Poisson ratio 0.2 to 0.5). Each of the 12
     columns is stratified: one point in each n-th of its range, the rib count as evenly as whole numbers allow.

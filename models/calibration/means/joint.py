@@ -54,7 +54,7 @@ class JointDensity:
     parameters: Parameters
 
     def __call__(self, values: np.ndarray) -> tuple[float, np.ndarray]:
-        """Value, without the priors' constants, and gradient (n_phi + n_psi).
+        """Return the value, without the priors' constants, and the gradient (n_phi + n_psi).
 
         Minus infinity (gradient zero) where the covariance is numerically singular.
         """
@@ -99,7 +99,7 @@ class _Terms:
         return np.concatenate([np.ones(len(self.data.y_sim)), self.amplitude * self.data.trend_real])
 
     def covariance(self) -> np.ndarray:
-        """K of all outputs, in Fortran order."""
+        """Return K of all outputs, in Fortran order."""
         data, n_sim = self.data, len(self.data.y_sim)
         K = np.multiply(self.h.covariance, self.c[:, None] * self.c[None, :], order="F")
         K[n_sim:, n_sim:] += self.e.covariance
@@ -108,13 +108,13 @@ class _Terms:
         return K
 
     def density(self) -> Factored | None:
-        """Density of all outputs."""
+        """Return the density of all outputs."""
         in_simulator = self.c[len(self.data.y_sim) :] * self.data.mean
         residual = np.concatenate([self.data.y_sim, self.data.y_real - in_simulator])
         return log_normal(self.covariance(), residual)
 
     def gradient(self, factored: Factored, parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
-        """By phi (n_phi) and psi (n_psi) in their unconstrained form."""
+        """Return the gradient by phi (n_phi) and psi (n_psi) in their unconstrained form."""
         n_sim, c = len(self.data.y_sim), self.c
         W = half_weights(factored)
         noise, W_real = np.diagonal(W).copy(), W[n_sim:, n_sim:].copy()
@@ -141,7 +141,7 @@ class _Terms:
         return by_phi, by_psi
 
     def _by_theta(self, M: np.ndarray, by_amplitude: float, parameters: Parameters) -> np.ndarray:
-        """By the unconstrained theta (3); `M` is summed over the measurements, n."""
+        """Return the gradient by the unconstrained theta (3); `M` is summed over the measurements, n."""
         z_theta = self.data.z_sim[:, N_DESIGN:]
         t, lengthscales = self.z[-1, N_DESIGN:], self.phi.lengthscales[N_DESIGN:]
         by_unit = -2.0 / lengthscales**2 * (t * M.sum() - M @ z_theta)
@@ -153,7 +153,7 @@ class _Terms:
 def calibrate_joint(
     problem: CalibrationProblem, settings: CalibrationSettings, progress: Progress | None = None
 ) -> CalibrationResult:
-    """Posterior of every parameter (Eq. 12), without approximation besides that of finitely many draws."""
+    """Find the posterior of every parameter (Eq. 12), without approximation besides that of finitely many draws."""
     data = Standardised.of(problem)
     parameters = Parameters.of(data, settings)
     samples, steps = sample_joint(data, parameters, settings, progress)
@@ -166,7 +166,7 @@ def calibrate_joint(
 def sample_joint(
     data: Standardised, parameters: Parameters, settings: CalibrationSettings, progress: Progress | None = None
 ) -> tuple[Samples, Mapping[str, float]]:
-    """Draws of the unconstrained vector (phi, psi), and CPU seconds by step."""
+    """Draw the unconstrained vector (phi, psi); give CPU seconds by step too."""
     density = JointDensity(data, parameters)
     started = time.process_time()
     with one_blas_thread():
@@ -182,7 +182,7 @@ def sample_joint(
 
 
 def guess_starts(parameters: Parameters) -> list[np.ndarray]:
-    """Medians of the priors, with a soft, a likely and a hard material."""
+    """Guess starts: medians of the priors, with a soft, a likely and a hard material."""
     phi = [LENGTHSCALE[0]] * parameters.n_inputs + [SD_H[0], NUGGET[0]]
     psi = [LENGTHSCALE[0]] * N_DESIGN + [SD_E[0], NOISE_SD[0]] + [RHO_MEAN] * parameters.has_rho
     friction = parameters.priors.friction_shape / parameters.priors.friction_rate

@@ -54,7 +54,7 @@ class Parameters:
 
     @staticmethod
     def of(data: Standardised, settings: CalibrationSettings) -> "Parameters":
-        """Parameters of a problem."""
+        """Make the parameters of a problem."""
         return Parameters(data.n_inputs, settings.rho == "free", settings.priors)
 
     @property
@@ -78,35 +78,35 @@ class Parameters:
         return (*phi, *psi, *(["rho"] if self.has_rho else []), "young_modulus_mpa", "friction", "poisson_ratio")
 
     def phi(self, values: np.ndarray) -> Phi:
-        """The first part of a vector (n_phi), constrained."""
+        """Return the first part of a vector (n_phi), constrained."""
         positive = np.exp(values)
         return Phi(positive[: self.n_inputs], float(positive[-2]), float(positive[-1]))
 
     def psi(self, values: np.ndarray) -> Psi:
-        """The second part of a vector (n_psi), constrained."""
+        """Return the second part of a vector (n_psi), constrained."""
         rho = float(values[N_DESIGN + 2]) if self.has_rho else 1.0
         positive = np.exp(values[: N_DESIGN + 2])
         return Psi(positive[:N_DESIGN], float(positive[-2]), float(positive[-1]), rho, self.theta(values[-3:]))
 
     def theta(self, values: np.ndarray) -> np.ndarray:
-        """Theta in physical units from its unconstrained form, ... x 3."""
+        """Return theta in physical units from its unconstrained form, ... x 3."""
         lower, upper = self.priors.poisson_ratio_lower, self.priors.poisson_ratio_upper
         log_modulus, log_friction, poisson = np.moveaxis(np.asarray(values), -1, 0)
         return np.stack([np.exp(log_modulus), np.exp(log_friction), lower + (upper - lower) * expit(poisson)], axis=-1)
 
     def unconstrained_theta(self, theta: np.ndarray) -> np.ndarray:
-        """Inverse of `theta`, ... x 3."""
+        """Undo `theta`, ... x 3."""
         lower, upper = self.priors.poisson_ratio_lower, self.priors.poisson_ratio_upper
         modulus, friction, poisson = np.moveaxis(np.asarray(theta), -1, 0)
         return np.stack([np.log(modulus), np.log(friction), logit((poisson - lower) / (upper - lower))], axis=-1)
 
     def theta_slopes(self, theta: np.ndarray) -> np.ndarray:
-        """Slopes of theta (3, physical) by its unconstrained form, 3."""
+        """Return the slopes of theta (3, physical) by its unconstrained form, 3."""
         lower, upper = self.priors.poisson_ratio_lower, self.priors.poisson_ratio_upper
         return np.array([theta[0], theta[1], (theta[2] - lower) * (upper - theta[2]) / (upper - lower)])
 
     def constrain(self, values: np.ndarray, force_scale_n: float) -> np.ndarray:
-        """Vectors (... x (n_phi + n_psi)) with every parameter in the unit of `names`, same shape."""
+        """Return vectors (... x (n_phi + n_psi)) with every parameter in the unit of `names`, same shape."""
         sds = self.n_phi + N_DESIGN
         constrained = np.exp(values)
         constrained[..., sds : sds + 2] *= force_scale_n
@@ -127,7 +127,7 @@ class Parameters:
         return value + theta_value, np.concatenate([gradient, theta_gradient])
 
     def _log_prior_theta(self, values: np.ndarray) -> tuple[float, np.ndarray]:
-        """Table 3 with the Jacobians of the transforms."""
+        """Compute the log prior: Table 3 with the Jacobians of the transforms."""
         priors = self.priors
         modulus, modulus_slope = _normal(
             values[:1], [(np.log(priors.young_modulus_median_mpa), priors.young_modulus_log_sd)]

@@ -45,11 +45,11 @@ class Mixture:
 
     @staticmethod
     def equal(means: np.ndarray, variances: np.ndarray) -> "Mixture":
-        """Mixture of equally likely draws, from means (draws x m, N) and variances (draws x m, N^2)."""
+        """Mix equally likely draws, from means (draws x m, N) and variances (draws x m, N^2)."""
         return Mixture(means, np.sqrt(np.maximum(variances, 0.0)), np.full(means.shape, 1.0 / len(means)))
 
     def reweighted(self, weights: np.ndarray) -> "Mixture":
-        """The same draws with other weights, draws x m."""
+        """Return the same draws with other weights, draws x m."""
         return Mixture(self.means, self.sds, weights)
 
     @property
@@ -64,13 +64,13 @@ class Mixture:
         return np.asarray(np.sqrt(variance))
 
     def cdf(self, y: np.ndarray) -> np.ndarray:
-        """Probability of a value of at most y (m, N), m."""
+        """Return the probability of a value of at most y (m, N), m."""
         # A draw without spread is a step; a tiny spread stands for it.
         sds = np.maximum(self.sds, 1e-12)
         return np.asarray((self.weights * ndtr((y - self.means) / sds)).sum(axis=0))
 
     def quantile(self, probability: float) -> np.ndarray:
-        """Values that are not exceeded with this probability, m, N; by bisection."""
+        """Find values that are not exceeded with this probability, m, N; by bisection."""
         lower = (self.means - _BRACKET_SD * self.sds).min(axis=0)
         upper = (self.means + _BRACKET_SD * self.sds).max(axis=0)
         for _ in range(_BISECTIONS):
@@ -84,12 +84,12 @@ class Mixture:
         return self.quantile(0.5 * (1 - level)), self.quantile(0.5 * (1 + level))
 
     def crps(self, y: np.ndarray) -> np.ndarray:
-        """Continuous ranked probability score at outcomes y (m, N), m, N; lower is better (Grimit et al. 2006)."""
+        """Score by continuous ranked probability at outcomes y (m, N), m, N; lower is better (Grimit et al. 2006)."""
         near = (self.weights * _absolute_mean(y - self.means, self.sds)).sum(axis=0)
         return np.asarray(near - 0.5 * self._spread())
 
     def _spread(self) -> np.ndarray:
-        """Mean distance of two independent values of each prediction, m, N."""
+        """Compute the mean distance of two independent values of each prediction, m, N."""
         spread = np.zeros(self.means.shape[1])
         for start in range(0, len(self.means), _ROWS_AT_ONCE):
             rows = slice(start, start + _ROWS_AT_ONCE)
@@ -115,7 +115,7 @@ class Scores(Record):
 
 
 def score_mixture(predicted: Mixture, y: np.ndarray) -> Scores:
-    """Scores of predictions at outcomes y (m, N)."""
+    """Score predictions at outcomes y (m, N)."""
     mean, (lower, upper) = predicted.mean, predicted.interval(0.9)
     varies = len(y) > 2 and np.ptp(mean) > 0 and np.ptp(y) > 0
     return Scores(
@@ -129,7 +129,7 @@ def score_mixture(predicted: Mixture, y: np.ndarray) -> Scores:
 
 
 def _absolute_mean(mean: np.ndarray, sd: np.ndarray) -> np.ndarray:
-    """Mean of |X| for normal X."""
+    """Compute the mean of |X| for normal X."""
     z = mean / np.maximum(sd, 1e-12)
     return np.asarray(2 * sd * np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi) + mean * (2 * ndtr(z) - 1))
 
@@ -168,7 +168,7 @@ class DrawnModel:
         return DrawnModel(emulator, psi, z, whitened, factor, cho_solve((factor, True), residual, check_finite=False))
 
     def measured(self, x: np.ndarray, variance: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and variance of a new measurement of designs x (m x 9); `variance` of missing objects (m, N^2)."""
+        """Give mean and variance of a new measurement of designs x (m x 9); `variance` of missing objects (m, N^2)."""
         data, phi, psi = self.emulator.data, self.emulator.phi, self.psi
         amplitude = data.amplitude(psi.theta, psi.rho)
         a = amplitude * data.trend.of_designs(x)
@@ -182,32 +182,32 @@ class DrawnModel:
         return self.emulator.data.to_newton(mean, prior - self._explained(cross), variance)
 
     def simulated(self, x: np.ndarray, theta: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """`Emulator.simulated` at theta (3) or at the draw's own."""
+        """Return `Emulator.simulated` at theta (3) or at the draw's own."""
         return self.emulator.simulated(x, self.psi.theta if theta is None else np.asarray(theta, dtype=float))
 
     def discrepancy(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and variance of what the calibrated simulator misses at designs x (m x 9)."""
+        """Return mean and variance of what the calibrated simulator misses at designs x (m x 9)."""
         cross = matern52(x, self.emulator.data.x_real, self.psi.lengthscales, self.psi.sd)
         scale = self.emulator.data.force_scale_n
         return scale * (cross @ self.weights), scale**2 * (self.psi.sd**2 - self._explained(cross))
 
     def discrepancy_mean(self, x: np.ndarray) -> np.ndarray:
-        """Mean of `discrepancy` alone."""
+        """Return the mean of `discrepancy` alone."""
         return self.discrepancy(x)[0]
 
     def leave_one_out(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and variance of each measurement given all others and this draw (Rasmussen and Williams, Eq. 5.12)."""
+        """Find each measurement's mean and variance given all others and this draw (Rasmussen & Williams, Eq. 5.12)."""
         inverse = cho_solve((self.factor, True), np.eye(len(self.weights)), check_finite=False)
         precision = np.diagonal(inverse)
         return self.emulator.data.to_newton(self.emulator.data.y_real - self.weights / precision, 1.0 / precision)
 
     def _explained(self, cross: np.ndarray) -> np.ndarray:
-        """Diagonal of C Q^-1 C' for cross covariances C (p x m), p."""
+        """Compute the diagonal of C Q^-1 C' for cross covariances C (p x m), p."""
         return sum_squares(solve_triangular(self.factor, cross.T, lower=True, check_finite=False))
 
 
 def condition_models(problem: CalibrationProblem, result: CalibrationResult, n: int = N_DRAWS) -> Iterator[DrawnModel]:
-    """The model at n draws spread evenly over the chains; draws that share phi share its Cholesky factor.
+    """Yield the model at n draws spread evenly over the chains; draws that share phi share its Cholesky factor.
 
     The order is by phi, not by draw.
     """
@@ -231,7 +231,7 @@ def predict_measured(
     variance: np.ndarray | float = 0.0,
     n_draws: int = N_DRAWS,
 ) -> Mixture:
-    """Forces that would be measured with designs x (m x 9, unit cube): simulator, discrepancy and noise.
+    """Predict the forces that would be measured with designs x (m x 9, unit cube): simulator, discrepancy and noise.
 
     `problem` is what was calibrated, without the designs that are predicted. `variance` (m, N^2): of objects that
     were missing in the measurements to compare with.
@@ -247,25 +247,25 @@ def predict_simulated(
     theta: np.ndarray | None = None,
     n_draws: int = N_DRAWS,
 ) -> Mixture:
-    """Forces that the simulator would give for designs x (m x 9, unit cube), at theta (3) or at each draw's theta."""
+    """Predict forces the simulator would give for designs x (m x 9, unit cube), at theta (3) or each draw's theta."""
     parts = [model.simulated(x, theta) for model in condition_models(problem, result, n_draws)]
     return Mixture.equal(*_stacked(parts))
 
 
 def thinned(result: CalibrationResult, n: int) -> np.ndarray:
-    """Joint draws spread evenly over all chains (at most n, all where there are fewer), n x len(names)."""
+    """Return joint draws spread evenly over all chains (at most n, all where there are fewer), n x len(names)."""
     flat = result.draws.reshape(-1, result.draws.shape[2])
     rows = np.unique(np.linspace(0, len(flat) - 1, n).round().astype(int))
     return np.asarray(flat[rows])
 
 
 def count_emulator_parameters(result: CalibrationResult) -> int:
-    """How many of the leading names belong to the emulator: its lengthscales, sd and nugget."""
+    """Count how many of the leading names belong to the emulator: its lengthscales, sd and nugget."""
     return sum(name.startswith("lengthscale_h.") for name in result.names) + 2
 
 
 def _psi(row: np.ndarray, force_scale_n: float) -> Psi:
-    """Psi of constrained values in the order of `Parameters.names`; sd and noise in N become standardised."""
+    """Make psi from constrained values in the order of `Parameters.names`; sd and noise in N become standardised."""
     rho = float(row[N_DESIGN + 2]) if len(row) == N_DESIGN + 6 else 1.0
     sd, noise = row[N_DESIGN] / force_scale_n, row[N_DESIGN + 1] / force_scale_n
     return Psi(row[:N_DESIGN], float(sd), float(noise), rho, row[-3:])

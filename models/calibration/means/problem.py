@@ -60,7 +60,7 @@ class CalibrationProblem:
         return len(self.y_real)
 
     def take_real(self, rows: np.ndarray) -> "CalibrationProblem":
-        """The same simulations with some of the measured designs (row numbers or a mask)."""
+        """Return the same simulations with some of the measured designs (row numbers or a mask)."""
         return CalibrationProblem(
             self.x_sim,
             self.theta_sim,
@@ -190,30 +190,30 @@ class Standardised:
         return self.z_sim.shape[1]
 
     def take_sim(self, rows: np.ndarray) -> "Standardised":
-        """The same measurements with some of the simulations (row numbers or a mask), in the same units."""
+        """Return the same measurements with some of the simulations (row numbers or a mask), in the same units."""
         return replace(self, z_sim=self.z_sim[rows], y_sim=self.y_sim[rows], variance_sim=self.variance_sim[rows])
 
     def to_newton(
         self, mean: np.ndarray, variance: np.ndarray, extra: np.ndarray | float = 0.0
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Means (N) and variances (N^2) of standardised measured forces; `extra` is added to the variance, N^2."""
+        """Return means (N) and variances (N^2) of standardised measured forces; `extra` (N^2) adds to the variance."""
         return self.center_n + self.force_scale_n * mean, self.force_scale_n**2 * variance + extra
 
     def amplitude(self, theta: np.ndarray, rho: float) -> float:
-        """Factor a between the emulated process and measured forces at theta (3, physical)."""
+        """Return the factor a between the emulated process and measured forces at theta (3, physical)."""
         if not self.scales_with_modulus:
             return rho
         return rho * float(theta[0] * self.trend.of_theta(theta[1], theta[2])) * self.sim_scale_n / self.force_scale_n
 
     def amplitude_slopes(self, theta: np.ndarray) -> np.ndarray:
-        """Slopes of ln a by theta (3, physical)."""
+        """Return the slopes of ln a by theta (3, physical)."""
         if not self.scales_with_modulus:
             return np.zeros(3)
         return np.array([1.0 / theta[0], *self.trend.log_slopes(float(theta[1]))])
 
 
 def unit_theta(theta: np.ndarray, scales_with_modulus: bool) -> np.ndarray:
-    """Theta (n x 3, physical) as inputs of the emulator in unit-cube scale.
+    """Return theta (n x 3, physical) as inputs of the emulator in unit-cube scale.
 
     ln E, friction and Poisson's ratio, n x 3; where E is a factor ln(friction + offset) and Poisson's ratio, n x 2.
     """
@@ -223,7 +223,7 @@ def unit_theta(theta: np.ndarray, scales_with_modulus: bool) -> np.ndarray:
 
 
 def unit_theta_slopes(theta: np.ndarray, scales_with_modulus: bool) -> np.ndarray:
-    """Slopes of each of `unit_theta` by its own physical parameter at a theta (3); 3, or 2 where E is a factor."""
+    """Return each slope of `unit_theta` by its own physical parameter at a theta (3); 3, or 2 where E is a factor."""
     lower, upper = _inputs(np.array([THETA_LOWER, THETA_UPPER]), scales_with_modulus)
     by_friction = 1.0 / (theta[1] + FRICTION_OFFSET) if scales_with_modulus else 1.0
     slopes = np.array([1.0 / theta[0], by_friction, 1.0])
@@ -238,7 +238,7 @@ def _inputs(theta: np.ndarray, scales_with_modulus: bool) -> np.ndarray:
 
 
 def friction_at(unit: np.ndarray) -> np.ndarray:
-    """Friction at places `unit` (0 to 1, any shape) of the paper's range, even in ln(friction + offset).
+    """Return friction at places `unit` (0 to 1, any shape) of the paper's range, even in ln(friction + offset).
 
     Where E is a factor, simulations spread like this leave the emulator as sure at one end of the ridge of E and
     friction as at the other; spread evenly in friction they draw the posterior to high friction.
@@ -248,7 +248,7 @@ def friction_at(unit: np.ndarray) -> np.ndarray:
 
 
 def drop_repeats(problem: CalibrationProblem) -> tuple[CalibrationProblem, tuple[str, ...]]:
-    """The problem with each row once, and a sentence for every kind of row left out.
+    """Return the problem with each row once, and a sentence for every kind of row left out.
 
     A row is left out when its design, theta, force and variance all repeat an earlier one: a deterministic simulator
     run twice, or a measurement entered twice, tells nothing new, while a second copy would be taken for proof that
@@ -281,6 +281,6 @@ def drop_repeats(problem: CalibrationProblem) -> tuple[CalibrationProblem, tuple
 
 
 def _first_rows(rows: np.ndarray) -> np.ndarray:
-    """Numbers of the rows that repeat no earlier one, ascending."""
+    """Return the numbers of the rows that repeat no earlier one, ascending."""
     _, first = np.unique(rows, axis=0, return_index=True)
     return np.sort(first)

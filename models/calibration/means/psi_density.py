@@ -53,16 +53,16 @@ class Measurements:
         self._half_count = np.where(rows == columns, 0.5, 1.0)
 
     def inputs(self, theta: np.ndarray) -> np.ndarray:
-        """Theta (3, physical) as the emulator's inputs t (3, or 2 where E is a factor), unit-cube scale."""
+        """Return theta (3, physical) as emulator inputs t (3, or 2 where E is a factor), unit-cube scale."""
         return unit_theta(theta[None], self.data.scales_with_modulus)[0]
 
     def input_slopes(self, theta: np.ndarray) -> np.ndarray:
-        """dt_k / d(unconstrained theta_k) in the order of t."""
+        """Return dt_k / d(unconstrained theta_k) in the order of t."""
         by_theta = unit_theta_slopes(theta, self.data.scales_with_modulus)
         return by_theta * self.parameters.theta_slopes(theta)[-len(by_theta) :]
 
     def psi_gradient(self, slopes: _Slopes, by_inputs: np.ndarray, theta: np.ndarray, rho: float) -> np.ndarray:
-        """Gradient by the vector form of psi (n_psi) of the likelihood; by_inputs: derivative by t."""
+        """Return the likelihood's gradient by the vector form of psi (n_psi); by_inputs: derivative by t."""
         gradient = np.zeros(self.parameters.n_psi)
         gradient[: len(slopes.eps)] = slopes.eps
         gradient[-len(by_inputs) :] = by_inputs * self.input_slopes(theta)
@@ -76,7 +76,7 @@ class Measurements:
         return matrix[self._rows, self._columns]
 
     def unpack(self, packed: np.ndarray) -> np.ndarray:
-        """The symmetric n x n matrix of its lower entries (p)."""
+        """Unpack the symmetric n x n matrix from its lower entries (p)."""
         matrix = np.zeros((self.n, self.n))
         matrix[self._rows, self._columns] = packed
         matrix[self._columns, self._rows] = packed
@@ -93,7 +93,7 @@ class Measurements:
         return np.linalg.cholesky(self.unpack(packed))
 
     def unpack_slopes(self, packed: np.ndarray) -> np.ndarray:
-        """Symmetric D, n x n, with <D, dV> = packed . dV_packed."""
+        """Unpack the symmetric D, n x n, with <D, dV> = packed . dV_packed."""
         matrix = np.zeros((self.n, self.n))
         matrix[self._rows, self._columns] = 0.5 * packed
         return matrix + matrix.T
@@ -105,7 +105,7 @@ class Measurements:
         return self._solve(psi, amplitude, mean, covariance, kernel)[0]
 
     def slopes(self, psi: Psi, amplitude: float, mean: np.ndarray, covariance: np.ndarray) -> _Slopes | None:
-        """Value and derivatives at emulator mean (n) and covariance (p, packed); None where Q is singular."""
+        """Return value and derivatives at emulator mean (n), covariance (p, packed); None where Q is singular."""
         r = self._scaled_distance(psi)
         kernel, slope = _matern(r, psi.sd)
         value, factor, b = self._solve(psi, amplitude, mean, covariance, kernel)
@@ -144,7 +144,7 @@ class Measurements:
 
 
 def _matern(r: np.ndarray, sd: float) -> tuple[np.ndarray, np.ndarray]:
-    """Matern-5/2 covariance at scaled distances r, and its slope G: dk / dlog l_d = G (x_d - x'_d)^2 / l_d^2."""
+    """Return Matern-5/2 covariance at scaled distances r and its slope G: dk / dlog l_d = G (x_d - x'_d)^2 / l_d^2."""
     decay = np.exp(-r)
     decay *= sd**2 / 3.0
     slope = decay * (r + 1.0)
@@ -193,7 +193,7 @@ def log_posterior(values: np.ndarray, emulator: Emulator, measured: Measurements
 
 
 def predict(t: np.ndarray, emulator: Emulator, measured: Measurements) -> tuple[np.ndarray, np.ndarray]:
-    """Mean m (n) and packed covariance V (p) of the emulator at the measured designs and inputs t."""
+    """Predict the emulator's mean m (n) and packed covariance V (p) at the measured designs and inputs t."""
     mean, covariance = _moments(_at(measured, t), emulator, measured.data)
     return mean, measured.pack(covariance)
 
@@ -203,23 +203,23 @@ def _points(measured: Measurements, theta: np.ndarray) -> np.ndarray:
 
 
 def _at(measured: Measurements, t: np.ndarray) -> np.ndarray:
-    """The measured designs with inputs t, n x d."""
+    """Return the measured designs with inputs t, n x d."""
     x = measured.data.x_real
     return np.column_stack([x, np.broadcast_to(t, (len(x), len(t)))])
 
 
 def _half(emulator: Emulator, cross: np.ndarray) -> np.ndarray:
-    """L^-1 K_SR."""
+    """Compute L^-1 K_SR."""
     return np.asarray(solve_triangular(emulator.lower, cross, lower=True, check_finite=False))
 
 
 def _moments(points: np.ndarray, emulator: Emulator, data: Standardised) -> tuple[np.ndarray, np.ndarray]:
-    """Mean m, n, and V, n x n."""
+    """Compute the mean m, n, and V, n x n."""
     cross = matern52(data.z_sim, points, emulator.phi.lengthscales, emulator.phi.sd) * data.trend_real
     return cross.T @ emulator.alpha, _covariance(points, _half(emulator, cross), emulator, data)
 
 
 def _covariance(points: np.ndarray, half: np.ndarray, emulator: Emulator, data: Standardised) -> np.ndarray:
-    """V, n x n."""
+    """Compute V, n x n."""
     prior = matern52(points, points, emulator.phi.lengthscales, emulator.phi.sd)
     return np.asarray(prior * np.outer(data.trend_real, data.trend_real) - half.T @ half)

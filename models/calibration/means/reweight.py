@@ -33,7 +33,7 @@ class NormalPhi:
     root: np.ndarray
 
     def draw(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """Draws, n x n_phi, and their log densities without the constant, n."""
+        """Draw n vectors of phi, n x n_phi; return them and their log densities without the constant, n."""
         white = rng.standard_normal((n, len(self.mean)))
         return self.mean + white @ self.root.T, -0.5 * np.sum(white**2, axis=1)
 
@@ -44,7 +44,7 @@ def approximate_phi(
     n_workers: int,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[NormalPhi, float]:
-    """Normal approximation of phi given psi at the joint mode (n_phi + n_psi), and CPU seconds of other processes.
+    """Approximate phi given psi by a normal at the joint mode (n_phi + n_psi); give CPU seconds of other processes.
 
     One gradient of the joint density for each of the 2 n_phi differences.
     """
@@ -54,7 +54,7 @@ def approximate_phi(
 
 
 def _row(shared: tuple[JointDensity, np.ndarray], i: int) -> np.ndarray:
-    """Row i of the negative Hessian of the log density."""
+    """Return row i of the negative Hessian of the log density."""
     density, mode = shared
     step = np.zeros_like(mode)
     step[i] = _STEP
@@ -103,7 +103,7 @@ def weigh(
 
 
 def thin(chains: np.ndarray, n: int) -> np.ndarray:
-    """About n draws, the same number of each chain, as groups of PSI_PER_PHI that follow each other."""
+    """Take about n draws, the same number of each chain, as groups of PSI_PER_PHI that follow each other."""
     n_chains, n_draws, k = chains.shape
     n_groups = max(1, min(n, n_chains * n_draws) // (n_chains * PSI_PER_PHI))
     rows = np.linspace(0, n_draws - 1, n_groups * PSI_PER_PHI).round().astype(int)
@@ -121,7 +121,7 @@ def compute_exact_log_density(measured: Measurements, job: _Job) -> np.ndarray:
 
 
 def smooth_weights(log_weights: np.ndarray) -> tuple[np.ndarray, float]:
-    """Weights (n, they sum to 1) from n logarithms of importance weights, and k-hat of their tail, by ArviZ.
+    """Return weights (n, they sum to 1) from n logarithms of importance weights, and k-hat of their tail, by ArviZ.
 
     Minus infinity is a weight of 0; k-hat is infinite where the tail is too short to be fitted.
     """
@@ -134,12 +134,12 @@ def smooth_weights(log_weights: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def find_effective_size(weights: np.ndarray) -> float:
-    """Kish's effective number of draws of weights that sum to 1."""
+    """Find Kish's effective number of draws of weights that sum to 1."""
     return float(1.0 / np.sum(weights**2))
 
 
 def resample(weights: np.ndarray, n: int, rng: np.random.Generator) -> np.ndarray:
-    """N ascending row numbers, each row about n times its weight (systematic resampling).
+    """Return n ascending row numbers, each row about n times its weight (systematic resampling).
 
     Rows keep their order and copies of a row stay beside each other, so that the autocorrelation of the result counts
     them as the repetitions they are.

@@ -27,7 +27,7 @@ _FLOOR = 0.05  # of the mean force: keeps g smooth and finite where the emulated
 
 
 def temper_ridge(log_density: LogDensity, mode: np.ndarray, ends: tuple[float, float]) -> PchipInterpolator | None:
-    """Nats to take off a density of psi (n_psi), a curve of ln friction, from its profile between `ends`.
+    """Find nats to take off a density of psi (n_psi), a curve of ln friction, from its profile between `ends`.
 
     None where there is one summit, or the passes between them are low enough.
     """
@@ -39,7 +39,7 @@ def temper_ridge(log_density: LogDensity, mode: np.ndarray, ends: tuple[float, f
 
 
 def find_profile(log_density: LogDensity, mode: np.ndarray, grid: np.ndarray) -> np.ndarray:
-    """Largest log density at each ln friction of a grid (n), found outwards from the mode (n_psi), n."""
+    """Find the largest log density at each ln friction of a grid (n), outwards from the mode (n_psi), n."""
     values = np.empty(len(grid))
     first = int(np.argmin(np.abs(grid - mode[_FRICTION])))
     for places in (range(first, len(grid)), range(first, -1, -1)):
@@ -51,7 +51,7 @@ def find_profile(log_density: LogDensity, mode: np.ndarray, grid: np.ndarray) ->
 
 
 def find_share_taken_off(values: np.ndarray) -> tuple[float, float]:
-    """Share of a profile (n) that leaves passes of `_PASS`, and the height of the lowest pass, below which it stays."""
+    """Find the share of a profile (n) leaving passes of `_PASS`, and the lowest pass's height, below which it stays."""
     inner = np.concatenate([[-np.inf], values, [-np.inf]])
     summits = np.flatnonzero((values > inner[:-2]) & (values >= inner[2:]) & (values > values.max() - _COUNTS))
     deepest, floor = 0.0, float(values.max())
@@ -63,7 +63,7 @@ def find_share_taken_off(values: np.ndarray) -> tuple[float, float]:
 
 
 def _held(log_density: LogDensity, log_friction: float) -> LogDensity:
-    """The density with ln friction held, over the rest of psi (n_psi - 1)."""
+    """Return the density with ln friction held, over the rest of psi (n_psi - 1)."""
 
     def density(rest: np.ndarray) -> tuple[float, np.ndarray]:
         place = len(rest) + 1 + _FRICTION
@@ -84,7 +84,7 @@ class RidgeDensity:
     tempering: PchipInterpolator | None = None
 
     def __call__(self, values: np.ndarray) -> tuple[float, np.ndarray]:
-        """Value and gradient, as those of the stand-in less `tempering`."""
+        """Return value and gradient, as those of the stand-in less `tempering`."""
         value, gradient = self._of_stand_in(values)
         if self.tempering is not None:
             value -= self.taken_off(values)
@@ -93,7 +93,7 @@ class RidgeDensity:
         return value, gradient
 
     def taken_off(self, psi: np.ndarray) -> float:
-        """Nats taken off at a vector of psi (n_psi), reparameterised or not."""
+        """Return the nats taken off at a vector of psi (n_psi), reparameterised or not."""
         return 0.0 if self.tempering is None else float(self.tempering(_inside(self.tempering, psi)))
 
     def _of_stand_in(self, values: np.ndarray) -> tuple[float, np.ndarray]:
@@ -107,15 +107,15 @@ class RidgeDensity:
         return value, gradient
 
     def from_psi(self, vectors: np.ndarray) -> np.ndarray:
-        """Reparameterised vectors of psi, ... x n_psi."""
+        """Return reparameterised vectors of psi, ... x n_psi."""
         return self._moved(vectors, 1.0)
 
     def to_psi(self, vectors: np.ndarray) -> np.ndarray:
-        """Inverse of `from_psi`."""
+        """Undo `from_psi`."""
         return self._moved(vectors, -1.0)
 
     def covariance(self, covariance: np.ndarray, at: np.ndarray) -> np.ndarray:
-        """Covariance of reparameterised vectors (n_psi x n_psi) from that of psi, to first order at a psi."""
+        """Return the covariance of reparameterised vectors (n_psi x n_psi) from psi's, to first order at a psi."""
         jacobian = np.eye(len(at))
         if self._is_sheared:
             jacobian[-3, -2:] = self._log_mean(at)[1]
@@ -133,7 +133,7 @@ class RidgeDensity:
         return moved
 
     def _log_mean(self, values: np.ndarray) -> tuple[float, np.ndarray]:
-        """G at the friction and Poisson ratio of a vector, and its slopes by their unconstrained forms (2)."""
+        """Return G at the friction and Poisson ratio of a vector, and its slopes by their unconstrained forms (2)."""
         measured = self.surrogate.measured
         theta = measured.parameters.theta(values[-3:])
         mean, by_inputs = self.surrogate.mean_force(measured.inputs(theta))
@@ -145,5 +145,5 @@ class RidgeDensity:
 
 
 def _inside(profile: PchipInterpolator, psi: np.ndarray) -> float:
-    """Ln friction of a vector of psi, kept between the ends of a profile."""
+    """Return ln friction of a vector of psi, kept between the ends of a profile."""
     return float(np.clip(psi[_FRICTION], profile.x[0], profile.x[-1]))

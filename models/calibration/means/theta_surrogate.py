@@ -37,17 +37,17 @@ class Box:
         return MARGIN * (self.upper - self.lower)
 
     def bend(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Inputs t (k) bent into the margin, unchanged inside the box, and the slope of that (k)."""
+        """Bend inputs t (k) into the margin, unchanged inside the box, and return the slope of that (k) too."""
         inside = np.clip(t, self.lower, self.upper)
         bend = np.tanh((t - inside) / self.margin)
         return inside + self.margin * bend, 1.0 - bend**2
 
     def is_outside(self, t: np.ndarray) -> np.ndarray:
-        """By row of t (n x k) and side: n x 2 x k, below the box and above it."""
+        """Tell by row of t (n x k) and side whether it is outside: n x 2 x k, below the box and above it."""
         return np.stack([t < self.lower, t > self.upper], axis=1)
 
     def grown(self, sides: np.ndarray) -> "Box":
-        """The box, half as wide again on every side marked in `sides` (2 x k)."""
+        """Return the box, half as wide again on every side marked in `sides` (2 x k)."""
         width = 0.5 * (self.upper - self.lower)
         return Box(self.lower - sides[0] * width, self.upper + sides[1] * width)
 
@@ -70,7 +70,7 @@ class ThetaSurrogate:
     error: float = np.nan
 
     def __call__(self, values: np.ndarray) -> tuple[float, np.ndarray]:
-        """Value and gradient; minus infinity and zero where the covariance is numerically singular."""
+        """Return value and gradient; minus infinity and zero where the covariance is numerically singular."""
         psi = self.measured.parameters.psi(values)
         terms, term_slopes = self._terms(self.measured.inputs(psi.theta))
         weights = self.coefficients @ terms
@@ -85,18 +85,18 @@ class ThetaSurrogate:
         return slopes.value + prior, gradient + self.measured.psi_gradient(slopes, by_inputs, psi.theta, psi.rho)
 
     def log_likelihood(self, values: np.ndarray) -> float:
-        """Value without the prior."""
+        """Return the value without the prior."""
         return self(values)[0] - self.measured.parameters.log_prior_psi(values)[0]
 
     def mean_force(self, t: np.ndarray) -> tuple[float, np.ndarray]:
-        """Mean over the measured designs of tau mean + m(t), standardised, and its derivatives by t (k)."""
+        """Average tau mean + m(t) over the measured designs, standardised; give its derivatives by t (k) too."""
         terms, slopes = self._terms(t)
         average = self.coefficients[: self.measured.n].mean(axis=0)
         data = self.measured.data
         return float(data.mean * data.trend_real.mean() + average @ terms), slopes @ average
 
     def _terms(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Products of Chebyshev polynomials at t, and their derivatives (k x products)."""
+        """Return products of Chebyshev polynomials at t, and their derivatives (k x products)."""
         bent, bend_slope = self.box.bend(t)
         center, half = 0.5 * (self.box.lower + self.box.upper), _half_width(self.box)
         unit = (bent - center) / half
@@ -113,7 +113,7 @@ def build_accurate_surrogate(
     covariance: np.ndarray,
     rng: np.random.Generator,
 ) -> ThetaSurrogate:
-    """The stand-in with as many nodes as it takes.
+    """Build the stand-in with as many nodes as it takes.
 
     Its error is measured at draws of psi (n_psi) from a normal around `mode`, as far as they are inside the box.
     """
@@ -133,7 +133,7 @@ def build_accurate_surrogate(
 
 
 def _spread(errors: np.ndarray) -> float:
-    """Standard deviation; infinite where a likelihood is, as between nodes that are too far apart."""
+    """Compute the standard deviation; infinite where a likelihood is, as between nodes that are too far apart."""
     if len(errors) < 2:
         return 0.0
     return float(np.std(errors)) if np.isfinite(errors).all() else np.inf
@@ -159,7 +159,7 @@ def build_surrogate(
 
 
 def _directions(covariances: np.ndarray, middle: np.ndarray, measured: Measurements, typical: np.ndarray) -> np.ndarray:
-    """Orthonormal combinations of the grid's covariances (nodes x p) that matter, nodes x rank."""
+    """Find orthonormal combinations of the grid's covariances (nodes x p) that matter, nodes x rank."""
     psi = measured.parameters.psi(typical)
     amplitude = measured.data.amplitude(psi.theta, psi.rho)
     root = measured.root(psi, amplitude, middle)
@@ -171,13 +171,13 @@ def _directions(covariances: np.ndarray, middle: np.ndarray, measured: Measureme
 
 
 def _whiten(matrix: np.ndarray, root: np.ndarray) -> np.ndarray:
-    """R^-1 M R^-T for a lower triangular root R."""
+    """Compute R^-1 M R^-T for a lower triangular root R."""
     half = solve_triangular(root, matrix, lower=True, check_finite=False)
     return np.asarray(solve_triangular(root, half.T, lower=True, check_finite=False))
 
 
 def _interpolation(degrees: tuple[int, ...]) -> np.ndarray:
-    """Matrix from values on the grid to coefficients of the products of polynomials."""
+    """Return the matrix from values on the grid to coefficients of the products of polynomials."""
     matrix = np.ones((1, 1))
     for n in degrees:
         matrix = np.kron(matrix, np.linalg.inv(chebyshev.chebvander(chebyshev.chebpts1(n), n - 1)))
@@ -189,7 +189,7 @@ def _half_width(box: Box) -> np.ndarray:
 
 
 def _chebyshev(u: float, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """T_0 .. T_{n-1} at u in [-1, 1], and their derivatives."""
+    """Compute T_0 .. T_{n-1} at u in [-1, 1], and their derivatives."""
     values, slopes = np.ones(n), np.zeros(n)
     if n > 1:
         values[1], slopes[1] = u, 1.0
@@ -200,7 +200,7 @@ def _chebyshev(u: float, n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _product(rows: list[np.ndarray]) -> np.ndarray:
-    """All products of one entry of each row, the last row fastest."""
+    """Return all products of one entry of each row, the last row fastest."""
     result = rows[0]
     for row in rows[1:]:
         result = np.multiply.outer(result, row).ravel()

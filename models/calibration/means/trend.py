@@ -44,15 +44,15 @@ class ForceTrend:
         return ForceTrend(tuple(found[1:-3]), tuple(found[-3:]), center)
 
     def of_designs(self, x: np.ndarray) -> np.ndarray:
-        """Factor tau of unit-cube designs (n x 9), n."""
+        """Return the factor tau of unit-cube designs (n x 9), n."""
         return np.asarray(np.exp((x - 0.5) @ np.array(self.by_design)))
 
     def of_theta(self, friction: np.ndarray, poisson_ratio: np.ndarray) -> np.ndarray:
-        """Factor q, of the shape of the arguments."""
+        """Return the factor q, of the shape of the arguments."""
         return np.asarray(np.exp(_theta_terms(friction, poisson_ratio, self.center) @ np.array(self.by_theta)))
 
     def log_slopes(self, friction: float) -> np.ndarray:
-        """Slopes of ln q by friction and by Poisson's ratio, 2."""
+        """Return the slopes of ln q by friction and by Poisson's ratio, 2."""
         u = np.log(friction + FRICTION_OFFSET) - self.center
         by_friction = (self.by_theta[0] + 2.0 * self.by_theta[1] * u) / (friction + FRICTION_OFFSET)
         return np.array([by_friction, self.by_theta[2]])
@@ -64,7 +64,7 @@ def _theta_terms(friction: np.ndarray, poisson_ratio: np.ndarray, center: float)
 
 
 def _log_linear(terms: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Coefficients b (k) of mean values exp(terms b), terms n x k, by iteratively reweighted least squares."""
+    """Fit coefficients b (k) of mean values exp(terms b), terms n x k, by iteratively reweighted least squares."""
     b = np.zeros(terms.shape[1])
     b[0] = np.log(max(float(values.mean()), np.finfo(float).tiny))
     for _ in range(_ITERATIONS):

@@ -39,7 +39,7 @@ class ResponseSurfaces:
     def fitted(
         grid: np.ndarray, simulated: np.ndarray, is_wanted: np.ndarray, modulus_mpa: float, is_force: np.ndarray
     ) -> "ResponseSurfaces":
-        """Surfaces of the wanted cells (t x o) of values (t x o x g x f) simulated at a grid (g x 2).
+        """Fit surfaces of the wanted cells (t x o) to values (t x o x g x f) simulated at a grid (g x 2).
 
         A cell needs at least one simulation more than the surface has terms.
         """
@@ -53,7 +53,7 @@ class ResponseSurfaces:
         return ResponseSurfaces(lower, upper, modulus_mpa, is_force, terms, coefficients, error)
 
     def rows(self, friction: np.ndarray, poisson_ratio: np.ndarray | float) -> np.ndarray:
-        """Values of the terms at n frictions and Poisson ratios, n x k."""
+        """Return the values of the terms at n frictions and Poisson ratios, n x k."""
         return _basis(self._scaled(friction, poisson_ratio), self.terms)
 
     def _scaled(self, friction: np.ndarray | float, poisson_ratio: np.ndarray | float) -> np.ndarray:
@@ -62,12 +62,12 @@ class ResponseSurfaces:
 
 
 def n_terms(grid: np.ndarray) -> int:
-    """Terms of the response surface that a grid carries."""
+    """Count the terms of the response surface that a grid carries."""
     return len(degrees(grid))
 
 
 def degrees(grid: np.ndarray) -> list[tuple[int, int]]:
-    """Degrees in friction and Poisson ratio of the terms: those of the grid, up to the greater one in total.
+    """List the terms' degrees in friction and Poisson ratio: those of the grid, up to the greater one in total.
 
     A cross says nothing of products, and has no point to spare: it is less curved in Poisson ratio.
     """
@@ -78,7 +78,7 @@ def degrees(grid: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _fit(basis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients (k x f) of the simulations there are (g x f), and the mean outer product of left-out errors."""
+    """Fit coefficients (k x f) to the simulations there are (g x f); give left-out errors' mean outer product."""
     known = np.isfinite(values).all(axis=1)
     rows, y = basis[known], values[known]
     q, r = np.linalg.qr(rows)
@@ -93,7 +93,7 @@ def _scaled(points: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndar
 
 
 def _basis(points: np.ndarray, terms: tuple[tuple[int, int], ...]) -> np.ndarray:
-    """Products of Chebyshev polynomials at points (n x 2) in the square -1 to 1, n x k: T_(j+1) = 2 x T_j - T_(j-1)."""
+    """Multiply Chebyshev polynomials at points (n x 2) in the square -1 to 1, n x k: T_(j+1) = 2 x T_j - T_(j-1)."""
     first, second = np.array(terms).T
     values = [np.ones_like(points), points]
     for j in range(1, int(max(first.max(), second.max()))):
@@ -103,18 +103,18 @@ def _basis(points: np.ndarray, terms: tuple[tuple[int, int], ...]) -> np.ndarray
 
 
 def are_lifts(features: Sequence[str]) -> np.ndarray:
-    """Which features are lifts, not forces, f."""
+    """Tell which features are lifts, not forces, f."""
     return np.array([name.endswith("_mm") and not name.endswith("_n_mm") for name in features])
 
 
 def units_of(features: Sequence[str]) -> np.ndarray:
-    """Units of features, f: of forces 1, of areas in mm, both times the amplitude of the cell; of lifts in mm."""
+    """Return features' units, f: of forces 1, of areas in mm, both times the amplitude of the cell; of lifts in mm."""
     area = np.array([AREA_MM if name.endswith("_n_mm") else 1.0 for name in features])
     return np.where(are_lifts(features), MOVE_MM, area)
 
 
 def error_correlation(features: Sequence[str]) -> np.ndarray:
-    """Correlation of the errors that a simulator may make in features of one object, f x f.
+    """Return the correlation of the errors that a simulator may make in features of one object, f x f.
 
     Errors of forces are mostly common to the whole lift and shared by neighbouring bins (`NEAR_MM`), in equal
     parts; `OWN_SHARE` of their variance is of their own, as are those of lifts.

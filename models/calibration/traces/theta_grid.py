@@ -58,6 +58,6 @@ class ThetaGrid:
 
 
 def _chebyshev(low: float, high: float, n: int) -> list[float]:
-    """Chebyshev-Lobatto points, ends included, since the posterior may reach them."""
+    """Return the Chebyshev-Lobatto points, ends included, since the posterior may reach them."""
     nodes = -np.cos(np.pi * np.arange(n) / (n - 1))
     return [float(value) for value in np.round(0.5 * (low + high) + 0.5 * (high - low) * nodes, 4)]

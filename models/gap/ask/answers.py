@@ -66,14 +66,14 @@ class Answers:
 
 
 def forecast_measurements(hypotheses: Sequence[Hypothesis]) -> tuple[tuple, Forecast]:
-    """What a person can measure that any hypothesis has a say in, and what each predicts."""
+    """Forecast what a person can measure that any hypothesis has a say in, and what each predicts."""
     names = [one.name for one in hypotheses]
     probability = np.array([one.probability for one in hypotheses])
     return forecast_readings(names, probability, {one.name: one.estimate_parameters() for one in hypotheses})
 
 
 def believe(hypotheses: Sequence[Hypothesis], likelihood: np.ndarray) -> tuple[Hypothesis, ...]:
-    """The hypotheses with their probabilities after answers with these log likelihoods (h).
+    """Return the hypotheses with their probabilities after answers with these log likelihoods (h).
 
     Of no two more than `MOST_NATS` are believed: no model of errors is right far out.
     """
@@ -83,7 +83,7 @@ def believe(hypotheses: Sequence[Hypothesis], likelihood: np.ndarray) -> tuple[H
 
 
 def merge_forms(hypotheses: Sequence[Hypothesis]) -> dict[str, float]:
-    """Probability by name: of forms of one hypothesis together."""
+    """Sum the probability by name: of forms of one hypothesis together."""
     found: dict[str, float] = {}
     for one in hypotheses:
         found[one.name] = found.get(one.name, 0.0) + one.probability

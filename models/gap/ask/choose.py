@@ -28,12 +28,12 @@ class Costs:
     change: float = 0.0
 
     def total(self, counts: Sequence[int] | np.ndarray) -> float:
-        """Minutes of all, with a change for each tool."""
+        """Return the minutes of all, with a change for each tool."""
         n = np.asarray(counts)
         return float(n @ self.minutes) + self.change * len(np.unique(self.tool[n > 0]))
 
     def select(self, rows: Sequence[int]) -> "Costs":
-        """The costs of some of the experiments."""
+        """Select the costs of some of the experiments."""
         at = list(rows)
         return Costs(self.minutes[at], self.tool[at], self.cell[at], self.change)
 
@@ -54,7 +54,7 @@ class Choice:
 
 
 def choose_experiments(forecast: Forecast, costs: Costs, most: int) -> Choice:
-    """Experiments one after the other, always the one with the greatest gain a minute, until all pairs are promised.
+    """Choose experiments one by one, always that with the greatest gain a minute, until all pairs are promised.
 
     The gain is the sum of P_i P_j min(D_ij, 3) over pairs of hypotheses, D the mean of what is expected and what
     is likely: the first repetitions promise nothing yet. Promised is what is likely. Experiments without which as much
@@ -71,13 +71,13 @@ def choose_experiments(forecast: Forecast, costs: Costs, most: int) -> Choice:
 
 
 def list_open_pairs(forecast: Forecast, nats: np.ndarray) -> list[tuple[int, int]]:
-    """Pairs of possible hypotheses between which there is less."""
+    """List pairs of possible hypotheses between which there is less."""
     weight = _weigh_pairs(forecast)
     return [(i, j) for i in range(len(nats)) for j in range(i) if weight[i, j] > 0 and nats[i, j] < ENOUGH_NATS]
 
 
 def _weigh_pairs(forecast: Forecast) -> np.ndarray:
-    """P_i P_j of hypotheses that are possible, h x h; 0 for others, and between forms of the same."""
+    """Return P_i P_j of hypotheses that are possible, h x h; 0 for others, and between forms of the same."""
     is_possible = (forecast.probability >= POSSIBLE) & forecast.is_sharp
     possible = np.where(is_possible, forecast.probability, 0.0)
     names = np.array(forecast.names)
@@ -85,7 +85,7 @@ def _weigh_pairs(forecast: Forecast) -> np.ndarray:
 
 
 def _shortlist(forecast: Forecast, costs: Costs, weight: np.ndarray) -> list[int]:
-    """Experiments that tell most a minute alone, and the best of each two hypotheses."""
+    """List experiments that tell most a minute alone, and the best of each two hypotheses."""
     minutes = costs.minutes + costs.change
     alone = np.array([compute_nats(forecast.select([place]), [1]).expected for place in range(len(minutes))])
     value = (weight * np.minimum(alone, ENOUGH_NATS)).sum(axis=(1, 2)) / minutes
@@ -104,16 +104,16 @@ class _Chooser:
     weight: np.ndarray
 
     def predict(self, counts: np.ndarray) -> Nats:
-        """Nats between hypotheses."""
+        """Predict the nats between hypotheses."""
         return compute_nats(self.forecast, [int(n) for n in counts])
 
     def value(self, nats: Nats) -> float:
-        """Weighted nats, of which no more count than are enough."""
+        """Return the weighted nats, of which no more count than are enough."""
         counted = np.minimum(nats.expected, ENOUGH_NATS) + np.minimum(nats.likely, ENOUGH_NATS)
         return 0.5 * float((self.weight * counted).sum())
 
     def n_cells(self, counts: np.ndarray) -> int:
-        """How many cells take part."""
+        """Count how many cells take part."""
         return len(np.unique(self.costs.cell[counts > 0]))
 
     @property
@@ -122,7 +122,7 @@ class _Chooser:
         return min(FEWEST_CELLS, len(np.unique(self.costs.cell)))
 
     def add(self, most: int) -> np.ndarray:
-        """Experiments until all is promised, or none gains anything, c."""
+        """Add experiments until all is promised, or none gains anything, c."""
         counts = np.zeros(len(self.costs.minutes), dtype=int)
         while counts.sum() < most:
             best = self._find_best(counts)
@@ -134,7 +134,7 @@ class _Chooser:
         return counts
 
     def prune(self, counts: np.ndarray) -> np.ndarray:
-        """Without what is not needed: what is promised stays, as far as it counts, and so does the number of cells."""
+        """Prune what is not needed: what is promised stays, as far as it counts, and so does the number of cells."""
         counts = counts.copy()
         promised = np.minimum(self.predict(counts).likely, ENOUGH_NATS)
         n_cells = min(self.n_cells(counts), self.fewest_cells)
@@ -148,7 +148,7 @@ class _Chooser:
         return counts
 
     def _find_best(self, counts: np.ndarray) -> int | None:
-        """The experiment with the greatest gain a minute; None if none gains anything that is still wanted."""
+        """Find the experiment with the greatest gain a minute; None if none gains anything that is still wanted."""
         before, spent = self.value(self.predict(counts)), self.costs.total(counts)
         rates = np.zeros(len(counts))
         for place in range(len(counts)):
@@ -160,7 +160,7 @@ class _Chooser:
         return int(np.argmax(rates)) if rates.any() else None
 
     def _find_other_cell(self, counts: np.ndarray) -> int | None:
-        """The experiment in a cell that takes no part which tells most a minute alone."""
+        """Find the experiment in a cell that takes no part which tells most a minute alone."""
         used = np.isin(self.costs.cell, self.costs.cell[counts > 0])
         alone = np.array([self.value(compute_nats(self.forecast.select([at]), [1])) for at in range(len(counts))])
         rates = np.where(used, 0.0, alone / (self.costs.minutes + self.costs.change))

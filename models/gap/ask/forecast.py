@@ -40,13 +40,13 @@ class Forecast:
     noise: np.ndarray
 
     def select(self, rows: Sequence[int]) -> "Forecast":
-        """The forecast of some of the experiments."""
+        """Select the forecast of some of the experiments."""
         at = list(rows)
         columns = tuple(own[at] for own in self.columns)
         return replace(self, means=self.means[:, at], columns=columns, scatter=self.scatter[at], noise=self.noise[at])
 
     def stack(self, counts: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-        """Means (h x (c f)) and covariances (h x (c f) x (c f)) of the mean outcomes of so many repetitions (c)."""
+        """Give means (h x (c f)) and covariances (h x (c f) x (c f)) of mean outcomes of so many repetitions (c)."""
         n_experiments, n_numbers = self.means.shape[1:]
         own = np.zeros((n_experiments * n_numbers, n_experiments * n_numbers))
         for place, n in enumerate(counts):
@@ -68,7 +68,7 @@ class Nats:
 
 
 def compute_nats(forecast: Forecast, counts: Sequence[int]) -> Nats:
-    """Log-likelihood ratios of experiments made so many times (c).
+    """Compute the log-likelihood ratios of experiments made so many times (c).
 
     A ratio is a quadratic form of normal numbers. A hypothesis that does not know itself well makes it skewed: a few
     outcomes far out carry its mean, and half of all outcomes stay far below. So the mean says what is worth a try, and
@@ -94,7 +94,7 @@ def compute_nats(forecast: Forecast, counts: Sequence[int]) -> Nats:
 def _find_cumulants(
     away: np.ndarray, own: np.ndarray, factor: tuple[np.ndarray, bool], log_dets: float
 ) -> tuple[float, float, float]:
-    """First three cumulants of ln N_i / N_j under i.
+    """Find the first three cumulants of ln N_i / N_j under i.
 
     away: m_i - m_j; own: V_i; factor: of V_j; log_dets: ln |V_j| / |V_i|. The first one is the Kullback-Leibler
     divergence 1/2 [tr M - n + w' (m_i - m_j) + ln |V_j| / |V_i|], with M = V_j^-1 V_i and w = V_j^-1 (m_i - m_j).
@@ -109,7 +109,7 @@ def _find_cumulants(
 
 
 def _find_quantile(mean: float, variance: float, third: float, share: float) -> float:
-    """Quantile of a distribution with these cumulants: that of a shifted gamma distribution (Pearson's type III)."""
+    """Find the quantile for these cumulants: that of a shifted gamma distribution (Pearson's type III)."""
     sd = np.sqrt(max(variance, 0.0))
     skew = third / sd**3 if sd > _LEAST_SD else 0.0
     if abs(skew) < _LEAST_SKEW:

@@ -39,7 +39,7 @@ class Hypothesis:
         return tuple(value for value in self.fit.effects if value.effect == self.name)
 
     def estimate_parameters(self) -> dict[str, tuple[float, float]]:
-        """Value and standard deviation of each parameter of the effect, with its law free."""
+        """Estimate the value and standard deviation of each parameter of the effect, with its law free."""
         if not self.own:
             return {}
         freed, axes = free_law(self.fit, self.name), axes_of(self.name)
@@ -52,7 +52,7 @@ class Hypothesis:
         return found
 
     def draw(self, n: int, rng: np.random.Generator) -> list[tuple[np.ndarray, tuple[EffectValue, ...], np.ndarray]]:
-        """Draws (n) of theta (3), effects and moduli of tools from the normal posterior around the fit."""
+        """Draw n times theta (3), effects and moduli of tools from the normal posterior around the fit."""
         fit = free_law(self.fit, self.name) if self.own else self.fit
         covariance = fit.deflated_covariance
         root = np.linalg.cholesky(covariance + 1e-12 * np.eye(len(covariance)))
@@ -76,7 +76,7 @@ class Hypothesis:
 
 
 def list_hypotheses(naming: NamingResult) -> tuple[Hypothesis, ...]:
-    """What is possible after a round, by probability; empty where nothing is to be asked.
+    """List what is possible after a round, by probability; empty where nothing is to be asked.
 
     Nothing is asked where an effect is sure, where no effect comes near an alarm, or where answers showed nothing.
     """
@@ -97,7 +97,7 @@ def list_hypotheses(naming: NamingResult) -> tuple[Hypothesis, ...]:
 
 
 def _weigh_names(naming: NamingResult) -> dict[str, float]:
-    """How probable each effect on trial, *nothing* and *unknown* are before any answer; they sum to about 1.
+    """Weigh how probable each effect on trial, *nothing* and *unknown* are before any answer; they sum to about 1.
 
     Effects with a third of the evidence of the best are possible, however their shares fell.
     """

@@ -18,7 +18,7 @@ _UNSEEN_SD = 1.0  # of the mean of a chosen experiment: less is said to stay
 
 
 def describe_pairs(hypotheses: Sequence[Hypothesis], forecast: Forecast, place: int, n: int) -> tuple[Outcome, ...]:
-    """What comes of an experiment made n times if each hypothesis is true; of *unknown* nobody can say it."""
+    """Tell what comes of an experiment made n times if each hypothesis is true; of *unknown* nobody can say it."""
     named = [number for number, one in enumerate(hypotheses) if forecast.is_sharp[number] and one.name != UNKNOWN]
     means = forecast.means[:, place]
     sd = np.sqrt(np.diagonal(forecast.scatter[place] + forecast.noise[place] / n))
@@ -37,7 +37,7 @@ def describe_pairs(hypotheses: Sequence[Hypothesis], forecast: Forecast, place: 
 def describe_reading(
     hypotheses: Sequence[Hypothesis], forecast: Forecast, place: int, label: str
 ) -> tuple[Outcome, ...]:
-    """What a person would read if each hypothesis is true; of *unknown* nobody can say it."""
+    """Describe what a person would read if each hypothesis is true; of *unknown* nobody can say it."""
     return tuple(
         Outcome(
             effect=one.name, sentence=f"the reading ({label}) is about {spell_number(forecast.means[number, place, 0])}"
@@ -48,7 +48,7 @@ def describe_reading(
 
 
 def _say_change(feature: str, change: float, sd: float) -> str:
-    """What changes by how much; sd: of its mean over the asked grasps."""
+    """Say what changes by how much; sd: of its mean over the asked grasps."""
     what, unit, more, less = _name_feature(feature)
     said = (
         f"{more if change > 0 else less} {spell_number(abs(change))} {unit}"
@@ -59,7 +59,7 @@ def _say_change(feature: str, change: float, sd: float) -> str:
 
 
 def _name_feature(feature: str) -> tuple[str, str, str, str]:
-    """Of a feature: what it is, its unit, and what a positive and a negative change does."""
+    """Name a feature: what it is, its unit, and what a positive and a negative change does."""
     if feature == "lift_at_peak_mm":
         return "the peak", "mm", "comes later by", "comes earlier by"
     named = {
@@ -74,7 +74,7 @@ def _name_feature(feature: str) -> tuple[str, str, str, str]:
 
 
 def join_outcomes(outcomes: Sequence[Outcome]) -> str:
-    """What each outcome would mean, in a sentence: effects of which the same comes stand together."""
+    """Say what each outcome would mean, in a sentence: effects of which the same comes stand together."""
     by_words: dict[str, list[str]] = {}
     for one in outcomes:
         by_words.setdefault(one.sentence, []).append(_title(one.effect))

@@ -18,14 +18,14 @@ from fast.models.units import STANDARD_GRAVITY_M_PER_S2
 
 
 def find_measurement(kind: str) -> Measurement | None:
-    """The measurement of this kind, if there is one."""
+    """Find the measurement of this kind, if there is one."""
     return next((one for _, one in list_measurements() if one.kind == kind), None)
 
 
 def forecast_readings(
     names: Sequence[str], probability: np.ndarray, parameters: Mapping[str, Mapping[str, tuple[float, float]]]
 ) -> tuple[tuple[Measurement, ...], Forecast]:
-    """Measurements that any of the hypotheses has a say in, and what each of them (h) predicts of them.
+    """Return the measurements that any of the hypotheses has a say in, and what each of them (h) predicts of them.
 
     parameters: of each effect, value and standard deviation. What nobody in the catalogue explains may be seen by a
     person or not: *unknown* predicts anything that an effect might.
@@ -47,12 +47,12 @@ def forecast_readings(
 
 
 def list_measurements() -> list[tuple[EffectSpec, Measurement]]:
-    """What a person can measure, with the effect that it tells of."""
+    """List what a person can measure, with the effect that it tells of."""
     return [(spec, spec.measurement) for spec in CATALOGUE.values() if spec.measurement is not None]
 
 
 def _imagine(spec: EffectSpec, one: Measurement) -> float:
-    """How far a reading may be from nothing if something is wrong that the catalogue does not know."""
+    """Return how far a reading may be from nothing if something is wrong that the catalogue does not know."""
     own = next(p for p in spec.parameters if p.name == one.parameter)
     return float(abs(own.prior_median - own.neutral) + own.prior_sd)
 
@@ -65,7 +65,7 @@ _LENGTHS_MM = {"um": 1e-3}
 
 
 def find_reading_questions(kind: str, value: float, known: tuple[float, float] | None = None) -> list[Question]:
-    """Questions about a reading; `known`: what the lake says it should be, with its sd, where it says anything."""
+    """Find questions about a reading; `known`: what the lake says it should be, with its sd, where it says anything."""
     found = next(((spec, one) for spec, one in list_measurements() if one.kind == kind), None)
     if found is None:
         return []
@@ -97,7 +97,7 @@ def find_reading_questions(kind: str, value: float, known: tuple[float, float] |
 
 
 def _list_slips(kind: str, value: float) -> list[Slip]:
-    """Usual slips of a reading but for the decimal point: units, and telling the whole in place of the difference."""
+    """List usual slips of a reading but for the decimal point: units, and telling the whole, not the difference."""
     if kind == "dead_weight":
         kilogram, gram = STANDARD_GRAVITY_M_PER_S2, 1e-3 * STANDARD_GRAVITY_M_PER_S2
         return [

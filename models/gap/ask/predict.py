@@ -49,7 +49,7 @@ def forecast_pairs(
     seed: int = 0,
     n_draws: int = N_DRAWS,
 ) -> Forecast:
-    """The forecast of one pair each, as differences of features (c x 16), changed less usual.
+    """Forecast one pair each, as differences of features (c x 16), changed less usual.
 
     moved: for settings that are not of timing alone. The first `n_draws` columns of a hypothesis are its draws.
     """
@@ -80,7 +80,7 @@ def forecast_pairs(
 
 
 def predict_first(hypothesis: Hypothesis, pair: Pair) -> np.ndarray:
-    """Step means of the changed grasp of a pair of timing alone, 120."""
+    """Predict the step means of the changed grasp of a pair of timing alone, 120."""
     return np.asarray(_Sides.of(hypothesis, [pair], {}).steps_n[1])
 
 
@@ -104,7 +104,7 @@ class _Sides:
     def difference(
         self, theta: np.ndarray, effects: Sequence[EffectValue], tool_factor: np.ndarray | None
     ) -> np.ndarray:
-        """Features of changed grasps less those of usual ones, c x f."""
+        """Compute the features of changed grasps less those of usual ones, c x f."""
         usual, changed = np.split(self.surrogate.predict_features(theta, effects, tool_factor), 2)
         return np.asarray(changed - usual)
 
@@ -140,7 +140,7 @@ class _Sides:
 
 
 def make_grasps(grasps: Grasps, pairs: Sequence[Pair]) -> Grasps:
-    """The grasps of pairs that are not made yet, as usual and then changed, after all that were made."""
+    """Make the grasps of pairs that are not made yet, as usual and then changed, after all that were made."""
     both = [*pairs, *pairs]
     base = grasps.base_setup
     setups, setup = number_distinct([base] * len(pairs) + [pair.setting.setup for pair in pairs], base)
@@ -161,7 +161,7 @@ def make_grasps(grasps: Grasps, pairs: Sequence[Pair]) -> Grasps:
 
 
 def _find_context(grasps: Grasps, pair: Pair) -> GraspContext:
-    """What comes before a grasp that is made after all others."""
+    """Find what comes before a grasp that is made after all others."""
     of_tool = grasps.tool == pair.tool
     known = [grasps.contexts[row] for row in np.flatnonzero(of_tool)]
     return GraspContext(
@@ -173,7 +173,7 @@ def _find_context(grasps: Grasps, pair: Pair) -> GraspContext:
 
 
 def _list_doubts(hypothesis: Hypothesis, side: _Sides, pairs: Sequence[Pair]) -> list[np.ndarray]:
-    """Columns (c x f x k) of what a hypothesis does not know of itself besides its parameters."""
+    """List columns (c x f x k) of what a hypothesis does not know of itself besides its parameters."""
     if hypothesis.own:
         return [_spread_by_setting(LAW_SD * side.own_change, pairs)]
     if hypothesis.size == 0.0:
@@ -184,7 +184,7 @@ def _list_doubts(hypothesis: Hypothesis, side: _Sides, pairs: Sequence[Pair]) ->
 
 
 def _list_kin(number: int, hypotheses: Sequence[Hypothesis], means: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Columns (c x f x 1) by which a law of the trace may lie on the way to another one of its family.
+    """List columns (c x f x 1) by which a law of the trace may lie on the way to another one of its family.
 
     A transmitter that averages is between a lag of first order and a pure delay. Effects that need simulations of their
     own are different things, not ends of one law.
@@ -205,14 +205,14 @@ def _is_kin(first: str, second: str) -> bool:
 
 
 def _spread_by_setting(amplitude: np.ndarray, pairs: Sequence[Pair]) -> np.ndarray:
-    """Columns of errors of this size (c x f) that are alike in neighbouring features, and common to a setting."""
+    """Make columns of errors of this size (c x f), alike in neighbouring features and common to a setting."""
     values, vectors = np.linalg.eigh(error_correlation(FEATURES))
     shapes = (vectors * np.sqrt(np.maximum(values, 0.0)))[:, -_N_SHAPES:]
     return _part_by_setting(amplitude[:, :, None] * shapes, pairs)
 
 
 def _part_by_setting(columns: np.ndarray, pairs: Sequence[Pair]) -> np.ndarray:
-    """Columns (c x f x k) with coefficients of their own for each of s settings, c x f x (s k)."""
+    """Give columns (c x f x k) coefficients of their own for each of s settings, c x f x (s k)."""
     _, numbers = number_distinct([pair.setting for pair in pairs], pairs[0].setting)
     found = np.zeros((*columns.shape[:2], numbers.max() + 1, columns.shape[2]))
     found[np.arange(len(pairs)), :, numbers] = columns
@@ -220,7 +220,7 @@ def _part_by_setting(columns: np.ndarray, pairs: Sequence[Pair]) -> np.ndarray:
 
 
 def _list_patterns(steps_n: np.ndarray) -> list[np.ndarray]:
-    """Changes of features (k x m x f) by a force as large as the median peak, or twice the force, about each knot."""
+    """List feature changes (k x m x f) by a force as large as the median peak, or twice the force, about each knot."""
     peak_n = float(np.median(steps_n.max(axis=1)))
     changes = (np.full_like(steps_n, peak_n), steps_n)
     small, before = 1e-3, features_of_steps(steps_n)
@@ -231,6 +231,6 @@ def _list_patterns(steps_n: np.ndarray) -> list[np.ndarray]:
 
 
 def _hats() -> np.ndarray:
-    """Straight-sided functions over the steps of the lift, one at each knot, k x 120; constant beyond the last."""
+    """Make straight-sided functions over the steps of the lift, one per knot, k x 120; constant beyond the last."""
     lift_mm = STEP_MM * (np.arange(N_STEPS) + 0.5)
     return np.array([np.interp(lift_mm, KNOTS_MM, row) for row in np.eye(len(KNOTS_MM))])

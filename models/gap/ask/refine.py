@@ -75,13 +75,13 @@ class Ranking:
         return [int(place) for place in np.argsort(-self.weights, kind="stable")]
 
     def shorten(self, place: int, sd_left: float) -> "Ranking":
-        """The ranking once a parameter has so much of its standard deviation left; its middle stays."""
+        """Return the ranking once a parameter has so much of its standard deviation left; its middle stays."""
         slope_n = self._find_slopes(self.quality_n)[place]
         known = (1.0 - sd_left) * np.outer(self.parameters[:, place], slope_n)
         return replace(self, quality_n=self.quality_n - known)
 
     def _find_slopes(self, rows_n: np.ndarray) -> np.ndarray:
-        """Change of each column of rows (n x c) by a standard deviation of each parameter, p x c."""
+        """Find the change of each column of rows (n x c) by a standard deviation of each parameter, p x c."""
         return np.asarray(np.linalg.lstsq(self.parameters, rows_n - rows_n.mean(axis=0), rcond=None)[0])
 
 
@@ -95,7 +95,7 @@ class Refinement:
 
 
 def rank_draws(named: Hypothesis) -> Ranking:
-    """How draws of the posterior of a named effect rank the measured designs, each printed and grasped as usual."""
+    """Rank the measured designs by draws of a named effect's posterior, each printed and grasped as usual."""
     surrogate = _take_all(named.fit.features.surrogate)
     axes = [(value.effect, axis) for value in named.fit.effects for axis in axes_of(value.effect)]
     parameters, quality_n = [], []
@@ -115,7 +115,7 @@ def refine(
     costs: Costs,
     most: int,
 ) -> Refinement | None:
-    """The fewest pairs that are expected to settle a ranking of `rank_draws`, `most` repetitions in all.
+    """Find the fewest pairs that are expected to settle a ranking of `rank_draws`, `most` repetitions in all.
 
     None if the ranking is settled, or no pairs shorten any interval by a tenth. A parameter of which they tell less is
     passed over for the next one.
@@ -133,7 +133,7 @@ def refine(
 
 
 def _choose(learner: "Learner", costs: Costs, most: int, ranking: Ranking, parameter: int) -> np.ndarray:
-    """Repetitions of each pair (c), always one more of that which brings a parameter of the ranking most a minute."""
+    """Choose repetitions of each pair (c), always one more of that which brings a ranking's parameter most a minute."""
     n_pairs = len(costs.minutes)
     counts = np.zeros(n_pairs, dtype=int)
     while counts.sum() < most:
@@ -164,7 +164,7 @@ class Learner:
     draws: np.ndarray
 
     def find_sd(self, counts: np.ndarray) -> float:
-        """Standard deviation that the parameter has after so many repetitions (c), in units of that before."""
+        """Find the parameter's standard deviation after so many repetitions (c), in units of that before."""
         made = np.flatnonzero(counts)
         if not len(made):
             return 1.0
@@ -177,7 +177,7 @@ class Learner:
 
 
 def _take_all(usual: Surrogate) -> Surrogate:
-    """The surrogate of every tool on every object that the bank has both of, as usual, each the first of a new tool."""
+    """Make a surrogate of all tools on all objects if the bank has both, as usual, each the first of a new tool."""
     grasps = usual.grasps
     setting = Setting(grasps.base_setup)
     pairs = [Pair(tool, obj, setting) for tool in range(len(grasps.tools)) for obj in range(len(grasps.objects))]
@@ -187,7 +187,7 @@ def _take_all(usual: Surrogate) -> Surrogate:
 
 
 def _average_by_tool(surrogate: Surrogate, peak_n: np.ndarray) -> np.ndarray:
-    """Mean of each tool, t, over objects; where a cell is not known, the mean of the others on this object stands."""
+    """Average each tool, t, over objects; where a cell is not known, the mean of the others on this object stands."""
     grasps = surrogate.grasps
     table = np.full((len(grasps.tools), len(grasps.objects)), np.nan)
     table[grasps.tool, grasps.obj] = peak_n

@@ -20,7 +20,7 @@ class Setting:
 
     @staticmethod
     def of(base: GraspSetup, setup: GraspSetup, placement: Placement) -> "Setting":
-        """The setting of a grasp that was made."""
+        """Return the setting of a grasp that was made."""
         is_timing = setup.timed_as(base) == base and placement == Placement()
         return Setting(setup, placement, is_timing)
 
@@ -41,7 +41,7 @@ _WORDS = {
 
 
 def list_settings(base: GraspSetup) -> tuple[Setting, ...]:
-    """Settings with one knob turned, whether or not a bench has it."""
+    """List settings with one knob turned, whether or not a bench has it."""
     return (*_list_timings(base), *_list_strokes(base), *_list_placements(base))
 
 

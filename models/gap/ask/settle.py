@@ -14,7 +14,7 @@ from fast.models.simulation.effects.catalogue import CATALOGUE
 
 
 def settle(naming: NamingResult, believed: Sequence[Hypothesis]) -> NamingResult:
-    """The round's answer with the hypotheses as they are believed after answers.
+    """Return the round's answer with the hypotheses as they are believed after answers.
 
     An effect that is twenty times less probable than the best one is out; what nobody predicted is unknown.
     """
@@ -39,7 +39,7 @@ def settle(naming: NamingResult, believed: Sequence[Hypothesis]) -> NamingResult
 def describe_asked(
     asked: Sequence[NextExperiment], before: Sequence[Hypothesis], likelihood: np.ndarray, answers: Answers
 ) -> Asked:
-    """What came of experiments that were asked for; likelihood: of the hypotheses, log."""
+    """Tell what came of experiments that were asked for; likelihood: of the hypotheses, log."""
     old, new = merge_forms(before), merge_forms(believe(before, likelihood))
     of_name = {name: float(max(own)) for name, own in _group(before, likelihood).items()}
     best = max(new, key=new.__getitem__)

@@ -75,7 +75,7 @@ class BankPlan:
 
     @staticmethod
     def around(theta: np.ndarray, within: np.ndarray, effects: Sequence[str]) -> "BankPlan":
-        """A bank around theta (3), whose grid also holds other frictions and Poisson ratios (`within`, p x 2).
+        """Make a bank around theta (3), whose grid also holds other frictions and Poisson ratios (`within`, p x 2).
 
         The cross reaches friction by 20 % and Poisson ratio by 0.04 to either side, farther in steps of a quarter, and
         never beyond the wide bank. The centre lies on a lattice, of which half a step is a sixth to a quarter of that:
@@ -96,14 +96,14 @@ class BankPlan:
         return BankPlan(centre, grid, tuple(name for name in SIMULATED if name in effects), is_local=True)
 
     def leave_out_effects(self, designs: Sequence[Design]) -> "BankPlan":
-        """This plan without the effects that need fin rays, where not all designs are."""
+        """Return this plan without the effects that need fin rays, where not all designs are."""
         if all(isinstance(design, FinRay) for design in designs):
             return self
         effects = tuple(name for name in self.effects if not CATALOGUE[name].needs_fin_ray)
         return replace(self, effects=effects)
 
     def list_amplitudes(self, effect: str) -> tuple[Mapping[str, float], ...]:
-        """Parameters at which an effect is simulated; none for one that needs no runs of its own."""
+        """List parameters at which an effect is simulated; none for one that needs no runs of its own."""
         own = (value.parameters for value in self.runs if value.effect == effect)
         return (*CATALOGUE[effect].bank_runs, *own)
 
@@ -114,7 +114,7 @@ class BankPlan:
         return tuple(self.centre.model_copy(update={"friction": mu, "poisson_ratio": nu}) for mu, nu in points)
 
     def is_at_edge(self, theta: np.ndarray) -> bool:
-        """Whether theta (3) lies at an end of the grid, beyond which the wide bank goes on."""
+        """Return whether theta (3) lies at an end of the grid, beyond which the wide bank goes on."""
         wide = ThetaGrid()
         sides = ((self.grid.friction, wide.friction), (self.grid.poisson_ratio, wide.poisson_ratio))
         for value, ((low, high), (lowest, highest)) in zip(theta[1:], sides, strict=True):
@@ -171,19 +171,19 @@ class Bank:
     """Of all simulations that were asked for."""
 
     def find_columns(self, grasps: Grasps) -> np.ndarray:
-        """Number of each grasp's target in the bank, n; -1 where the bank does not have it."""
+        """Find the number of each grasp's target in the bank, n; -1 where the bank does not have it."""
         numbers = {target.key: number for number, target in enumerate(self.targets)}
         return np.array([numbers.get(target.key, -1) for target in grasps.target], dtype=int)
 
     def find_usual_columns(self, grasps: Grasps) -> np.ndarray:
-        """Number of the target of each grasp's object by the base setup, n."""
+        """Find the number of the target of each grasp's object by the base setup, n."""
         usual = [Target(object_id, grasps.base_setup).key for object_id in grasps.objects]
         numbers = {target.key: number for number, target in enumerate(self.targets)}
         return np.array([numbers[target] for target in usual])[grasps.obj]
 
 
 def list_versions(base: SimulatorVersion, plan: BankPlan = WIDE) -> tuple[SimulatorVersion, ...]:
-    """Simulator versions of a bank around `base`: the grid of theta, the centre, numerical variants, and effects.
+    """List simulator versions of a bank around `base`: the grid of theta, the centre, numerical variants, and effects.
 
     A centre that is a point of the grid is there twice.
     """
@@ -195,13 +195,13 @@ def list_versions(base: SimulatorVersion, plan: BankPlan = WIDE) -> tuple[Simula
 
 
 def add_effect(version: SimulatorVersion, effect: str, parameters: Mapping[str, float]) -> SimulatorVersion:
-    """The version with one more effect; parameters that are not given take their neutral values."""
+    """Add one more effect to the version; parameters that are not given take their neutral values."""
     value = EffectValue(effect=effect, parameters=dict(parameters))
     return version.model_copy(update={"effects": (*version.effects, value)})
 
 
 def carry_changes(steps_n: np.ndarray, from_n: np.ndarray, to_n: np.ndarray) -> np.ndarray:
-    """Variants (t x k x v x 120) of a centre `from_n` (t x k x 120) as those of another, t x k x v x 120.
+    """Turn variants (t x k x v x 120) of a centre `from_n` (t x k x 120) into those of another, t x k x v x 120.
 
     What a variant changes in a cell goes with the root mean square of its force.
     """
@@ -211,7 +211,7 @@ def carry_changes(steps_n: np.ndarray, from_n: np.ndarray, to_n: np.ndarray) -> 
 
 
 def _find_range(middle: float, usual: float, within: np.ndarray, widest: tuple[float, float]) -> tuple[float, float]:
-    """An interval about the middle that holds `within`: the usual half width or one of few larger ones."""
+    """Find an interval about the middle that holds `within`: the usual half width or one of few larger ones."""
     needed = float(np.abs(within - middle).max()) / usual
     half = usual * _WIDER ** max(0.0, float(np.ceil(round(np.log(max(needed, 1e-9)) / np.log(_WIDER), 6))))
     return max(round(middle - half, 4), widest[0]), min(round(middle + half, 4), widest[1])

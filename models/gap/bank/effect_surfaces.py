@@ -37,7 +37,7 @@ class EffectSurface:
 
     @staticmethod
     def of(runs: EffectRuns, centre_steps_n: np.ndarray) -> "EffectSurface":
-        """The surface of an effect's runs; where its simulation or the centre's failed, it changes nothing."""
+        """Make the surface of an effect's runs; where its simulation or the centre's failed, it changes nothing."""
         name, shape_name = name_axes(runs.effect)
         rows = [_whole(runs.effect, parameters) for parameters in runs.parameters]
         change_n = np.nan_to_num(runs.steps_n - centre_steps_n[:, :, None])
@@ -54,7 +54,7 @@ class EffectSurface:
     def change_n(
         self, parameters: Mapping[str, float], stiffer: np.ndarray, tool: np.ndarray, obj: np.ndarray
     ) -> np.ndarray:
-        """Changes of step means of grasps (n x 120) at the bank's modulus, `stiffer` (n) over it being theirs.
+        """Compute changes of step means of grasps (n x 120) at the bank's modulus, `stiffer` (n) over it being theirs.
 
         Where what the effect brings in is larger in a setup, the fingers are softer against it.
         """
@@ -75,7 +75,7 @@ class EffectSurface:
         return total
 
     def _shares(self, value: float) -> np.ndarray:
-        """How much of each shape there is at a value of it."""
+        """Return how much of each shape there is at a value of it."""
         if len(self.shapes) == 1:
             return np.ones(1)
         at = np.log([shape.shape for shape in self.shapes])
@@ -87,12 +87,12 @@ def _whole(effect: str, parameters: Mapping[str, float]) -> dict[str, float]:
 
 
 def name_axes(effect: str) -> tuple[str, str | None]:
-    """Names of an effect's amplitude and of what shapes it, along which it has runs."""
+    """Name an effect's amplitude and what shapes it, along which it has runs."""
     names = [p.name for p in CATALOGUE[effect].parameters if p.has_runs]
     return names[0], names[1] if len(names) > 1 else None
 
 
 def find_amplitude(effect: str, value: float) -> float:
-    """The first parameter of an effect on an axis on which 0 is neutral."""
+    """Return the first parameter of an effect on an axis on which 0 is neutral."""
     first = CATALOGUE[effect].parameters[0]
     return 1.0 / value - 1.0 / first.neutral if first.is_limit else value - first.neutral

@@ -28,7 +28,7 @@ _AT_MM = STEP_MM * np.concatenate(
 
 
 def apply_sensor_effect(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    """Step means with their lead (n x 132) with one effect, as it acts in each of n grasps (`Effect.in_grasp`)."""
+    """Apply one effect to step means with their lead (n x 132), as it acts in each of n grasps (`Effect.in_grasp`)."""
     if not effects[0].overrides("modify_forces"):
         return _replay(effects, steps_n, setup)
     fine_n = _fine(steps_n)
@@ -39,14 +39,14 @@ def apply_sensor_effect(effects: Sequence[Effect], steps_n: np.ndarray, setup: G
 
 
 def read_lead(trace: Trace, setup: GraspSetup) -> np.ndarray:
-    """Forces (12) in N before the lift, the last where it starts; before the trace, its first force."""
+    """Read the forces (12) in N before the lift, the last where it starts; before the trace, its first force."""
     start_s = float(trace.time_s[trace.is_lift][0])
     at_s = start_s + _AT_MM[:N_LEAD] / setup.lift_speed_mm_per_s
     return np.interp(at_s, trace.time_s, trace.force_n)
 
 
 def make_lead_map(simulated: GraspSetup, made: GraspSetup) -> np.ndarray:
-    """Forces before the lift (12) of a grasp from those that were simulated with another timing, 12 x 12.
+    """Make the map (12 x 12) to a grasp's forces before the lift (12) from those simulated with another timing.
 
     Where jaws are depends on the travel since they began, and not on their speed; in a dwell the force stays.
     """
@@ -58,14 +58,14 @@ def make_lead_map(simulated: GraspSetup, made: GraspSetup) -> np.ndarray:
 
 
 def make_trace(steps_n: np.ndarray, setup: GraspSetup) -> Trace:
-    """A trace with these step means and their lead (132), to first order: closed, held, lifted as the setup says."""
+    """Make a trace with these step means and lead (132), to first order: closed, held, lifted as the setup says."""
     at_mm, force_n = np.append(_AT_MM, _AT_MM[-1] + 0.5 * STEP_MM), np.append(_fine(steps_n[None])[0], steps_n[-1])
     time_s = _closed_s(setup) + at_mm / setup.lift_speed_mm_per_s
     return Trace(time_s, np.maximum(at_mm, 0.0), force_n)
 
 
 def _fine(steps_n: np.ndarray) -> np.ndarray:
-    """Forces on the lattice (n x 144) of step means with their lead (n x 132)."""
+    """Compute the forces on the lattice (n x 144) of step means with their lead (n x 132)."""
     start_n, parts = steps_n[:, N_LEAD - 1], []
     for step in range(N_LEAD, N_LEAD + _N_FINE):
         mean_n, next_n = steps_n[:, step], steps_n[:, step + 1]
@@ -76,7 +76,7 @@ def _fine(steps_n: np.ndarray) -> np.ndarray:
 
 
 def _part_step(start_n: np.ndarray, mean_n: np.ndarray, end_n: np.ndarray) -> np.ndarray:
-    """Forces in fifths of a step from its ends and its mean (n each), n x 5: a ramp, with a plateau at either end."""
+    """Part a step into forces in fifths, n x 5, from its ends and mean (n each): a ramp, with a plateau at each end."""
     rise_n = end_n - start_n
     above = np.clip((mean_n - start_n) / np.where(rise_n == 0.0, 1.0, rise_n), 0.0, 1.0)[:, None]
     ramp = np.maximum(2.0 * np.minimum(above, 1.0 - above), _LEAST_RAMP)
@@ -95,7 +95,7 @@ def _replay(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -
 
 
 def _stack(effects: Sequence[Effect]) -> Effect:
-    """N effects of one kind as one, whose parameters are columns (n x 1) where they differ."""
+    """Stack n effects of one kind into one, whose parameters are columns (n x 1) where they differ."""
     first = effects[0]
     values = {name: [vars(effect)[name] for effect in effects] for name in vars(first)}
     columns = {name: np.array(own)[:, None] for name, own in values.items() if any(value != own[0] for value in own)}
@@ -108,5 +108,5 @@ def _make_readings(setup: GraspSetup) -> Readings:
 
 
 def _closed_s(setup: GraspSetup) -> float:
-    """Time from the start of closing to the lift."""
+    """Compute the time from the start of closing to the lift."""
     return 0.5 * (setup.open_gap_mm - setup.closed_gap_mm) / setup.close_speed_mm_per_s + setup.dwell_s

@@ -60,7 +60,7 @@ class Surrogate:
 
     @staticmethod
     def of(bank: Bank, grasps: Grasps) -> "Surrogate":
-        """The surrogate of grasps, from a bank of the same tools and of what they closed on."""
+        """Make the surrogate of grasps, from a bank of the same tools and of what they closed on."""
         column = bank.find_columns(grasps)
         n_known = np.isfinite(bank.grid_steps_n).all(axis=-1).sum(axis=-1)
         is_known = (n_known > n_terms(bank.grid)) & np.isfinite(bank.centre_steps_n).all(axis=-1)
@@ -81,12 +81,12 @@ class Surrogate:
         )
 
     def select(self, rows: np.ndarray) -> "Surrogate":
-        """The surrogate of some of the grasps; nothing is fitted again."""
+        """Return the surrogate of some of the grasps; nothing is fitted again."""
         own = {name: getattr(self, name)[rows] for name in ("column", "rows_n", "is_usable")}
         return replace(self, grasps=self.grasps.select(rows), **own)
 
     def at(self, grasps: Grasps) -> "Surrogate":
-        """The surrogate of other grasps of the same tools and objects; nothing is fitted again.
+        """Return the surrogate of other grasps of the same tools and objects; nothing is fitted again.
 
         One whose stroke or placement the bank does not have is foretold as by the base setup, less `moved_n`.
         """
@@ -112,7 +112,7 @@ class Surrogate:
         return tuple(name for name, spec in CATALOGUE.items() if spec.alias_of is None and self.can_predict(name))
 
     def can_predict(self, effect: str) -> bool:
-        """Whether the effect can be predicted: it has a surface, acts on traces, or through a memory."""
+        """Return whether the effect can be predicted: it has a surface, acts on traces, or through a memory."""
         kind = CATALOGUE[effect].kind
         has_memory = kind.overrides("in_grasp") and kind.overrides("modify_theta", "friction_factor", "modify_setup")
         return effect in self.effect_surfaces or kind.acts_on_traces() or has_memory
@@ -120,13 +120,13 @@ class Surrogate:
     def predict_features(
         self, theta: np.ndarray, effects: Sequence[EffectValue] = (), tool_factor: np.ndarray | None = None
     ) -> np.ndarray:
-        """Features of every grasp (n x 16), see `predict_steps`."""
+        """Predict the features of every grasp (n x 16), see `predict_steps`."""
         return features_of_steps(self.predict_steps(theta, effects, tool_factor))
 
     def predict_steps(
         self, theta: np.ndarray, effects: Sequence[EffectValue] = (), tool_factor: np.ndarray | None = None
     ) -> np.ndarray:
-        """Step means of every grasp in its context, n x 120, in N.
+        """Predict the step means of every grasp in its context, n x 120, in N.
 
         theta: Young's modulus in MPa, friction, Poisson ratio. tool_factor: modulus of each tool over Young's modulus
         (t). Friction stays within the grid.
@@ -139,7 +139,7 @@ class Surrogate:
     def predict_with_lead(
         self, theta: np.ndarray, effects: Sequence[EffectValue] = (), tool_factor: np.ndarray | None = None
     ) -> np.ndarray:
-        """The end of closing and step means, n x 132; what an effect of the bank changes first, it changes before."""
+        """Predict the end of closing and step means, n x 132; what a bank effect changes first, it changes before."""
         tool = self.grasps.tool
         acting, memory = self._find_acting(effects)
         factor = 1.0 if tool_factor is None else tool_factor[tool]
@@ -164,7 +164,7 @@ class Surrogate:
         return steps
 
     def _find_base(self, friction: np.ndarray, poisson_ratio: float) -> np.ndarray:
-        """The end of closing and step means at the bank's modulus and frictions of each grasp (n), n x 132.
+        """Find the end of closing and step means at the bank's modulus and each grasp's friction (n), n x 132.
 
         The last one is kept: many effects are asked for at one theta.
         """
@@ -180,7 +180,7 @@ class Surrogate:
         return {}
 
     def apply_to_traces(self, effects: Sequence[Effect], steps_n: np.ndarray) -> np.ndarray:
-        """Step means with their lead (n x 132) with an effect on traces, each at the timing of its grasp."""
+        """Apply an effect on traces to step means with their lead (n x 132), each at the timing of its grasp."""
         found = np.zeros_like(steps_n)
         for number in np.unique(self.grasps.setup):
             rows = np.flatnonzero(self.grasps.setup == number)
@@ -189,12 +189,12 @@ class Surrogate:
         return found
 
     def _find_strength(self, value: EffectValue) -> np.ndarray:
-        """How large what an effect brings in is in each grasp, over the usual, n."""
+        """Find how large what an effect brings in is in each grasp, over the usual, n."""
         (effect,) = build_effects([value])
         return np.array([effect.strength_in(setup) for setup in self.grasps.setups])[self.grasps.setup]
 
     def _find_acting(self, effects: Sequence[EffectValue]) -> tuple[list[list[Effect]], "_Memory"]:
-        """Effects that no surface stands for as they act in every grasp, and what they make of its closing.
+        """Find the effects that no surface stands for as they act in every grasp, and what they make of its closing.
 
         Both are the same at any theta, and a search asks for the same values again and again.
         """
@@ -211,7 +211,7 @@ class Surrogate:
         return {}
 
     def _list_acting(self, effects: Sequence[EffectValue]) -> list[list[Effect]]:
-        """Effects that no surface stands for, layer by layer, each as it acts in every grasp."""
+        """List effects that no surface stands for, layer by layer, each as it acts in every grasp."""
         for value in effects:
             if value.effect in CATALOGUE and not self.can_predict(value.effect):
                 raise UsageError(f"the bank has no simulations with `{value.effect}`; fill it for this effect.")
@@ -223,7 +223,7 @@ class Surrogate:
         ]
 
     def _wider(self, wider_mm: np.ndarray) -> np.ndarray:
-        """Changes of step means where jaws stop early by so much (n), n x 120, straight between the bank's."""
+        """Compute changes of step means where jaws stop early by so much (n), n x 120, straight between the bank's."""
         low = np.clip(np.searchsorted(_WIDER_MM, wider_mm, side="right") - 1, 0, len(_WIDER_MM) - 2)
         part = ((wider_mm - _WIDER_MM[low]) / (_WIDER_MM[low + 1] - _WIDER_MM[low]))[:, None]
         tool, column = self.grasps.tool, self.column
@@ -231,12 +231,12 @@ class Surrogate:
 
 
 def with_own_lead(change_n: np.ndarray) -> np.ndarray:
-    """Changes of step means (n x 120) with those of the end of closing, n x 132."""
+    """Return changes of step means (n x 120) with those of the end of closing, n x 132."""
     return np.concatenate([np.repeat(change_n[:, :1], N_LEAD, axis=1), change_n], axis=1)
 
 
 def _with_own_timing(rows_n: np.ndarray, grasps: Grasps) -> np.ndarray:
-    """Terms of surfaces (n x k x 132) of the base setup's timing with the end of closing at each grasp's own."""
+    """Return surface terms (n x k x 132) of the base setup's timing with the end of closing at each grasp's own."""
     for number, setup in enumerate(grasps.setups):
         rows = np.flatnonzero(grasps.setup == number)
         if setup.timed_as(grasps.base_setup) != setup and len(rows):
@@ -245,7 +245,7 @@ def _with_own_timing(rows_n: np.ndarray, grasps: Grasps) -> np.ndarray:
 
 
 def _fit_effect_surfaces(bank: Bank) -> dict[str, EffectSurface]:
-    """Surfaces of the effects that the bank has simulated; a bank that is being filled lacks the last of them."""
+    """Fit surfaces of the effects that the bank has simulated; a bank that is being filled lacks the last of them."""
     is_known = np.isfinite(bank.centre_steps_n).all(axis=-1)
     surfaces = {}
     for name, runs in bank.effects.items():
@@ -258,7 +258,7 @@ def _fit_effect_surfaces(bank: Bank) -> dict[str, EffectSurface]:
 
 
 def features_of_steps(steps_n: np.ndarray) -> np.ndarray:
-    """Features (... x 16) of mean forces over steps (... x 120), in the order of `FEATURES`: bins of lift first.
+    """Compute features (... x 16) of mean forces over steps (... x 120), in the order of `FEATURES`: lift bins first.
 
     Unlike in calibration, the lift at the peak has no edge at which a force begins to count: gradients and posteriors
     are taken along it.
@@ -282,7 +282,7 @@ class _Memory:
 
     @staticmethod
     def of(acting: Sequence[Sequence[Effect]], grasps: Grasps, theta: Theta) -> "_Memory":
-        """By the hooks of the effects as they act in each grasp; others are not asked."""
+        """Make it by the hooks of the effects as they act in each grasp; others are not asked."""
         n, setups = len(grasps.tool), [grasps.setups[number] for number in grasps.setup]
         modulus, friction, wider_mm = np.ones(n), np.ones(n), np.zeros(n)
         nowhere = np.zeros(1)

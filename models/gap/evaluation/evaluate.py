@@ -48,7 +48,7 @@ class Evaluation:
     warnings: tuple[str, ...]
 
     def of(self, label: str, block: str = BLOCKS[0]) -> Metrics:
-        """Metrics of one prediction."""
+        """Return the metrics of one prediction."""
         return next(m for m in self.metrics if m.label == label and m.block == block)
 
 
@@ -72,7 +72,7 @@ def evaluate(
 def measure_gap_closed(
     held_out: HeldOut, before: Prediction, after: Prediction, seed: int = 0, patternless_n: float = 0.0
 ) -> Gap:
-    """Root mean square errors before and after, the floor, and the closed share of what is above it.
+    """Compute root mean square errors before and after, the floor, and the closed share of what is above it.
 
     The floor is the scatter of repeats, what numerical variants change, or `patternless_n`, the differences in which
     designs, objects and repeats show no pattern (N), whichever is largest. Designs and objects are
@@ -155,7 +155,7 @@ def _warnings(held_out: HeldOut, before: dict[str, float], after: dict[str, floa
 
 
 def _count_held_out(held_out: HeldOut) -> tuple[int, int]:
-    """Numbers of designs and of objects that are new."""
+    """Count the designs and the objects that are new."""
     return len(np.unique(held_out.tool[held_out.is_new_tool])), len(np.unique(held_out.obj[held_out.is_new_object]))
 
 
@@ -179,12 +179,12 @@ class _Cells:
         return _Cells(tool, obj, sums, least_floor_n)
 
     def weights(self, rng: np.random.Generator) -> np.ndarray:
-        """How often each cell is drawn: its tool's times its object's number, c."""
+        """Tell how often each cell is drawn: its tool's times its object's number, c."""
         tool, obj = (rng.multinomial(k, np.full(k, 1.0 / k)) for k in (self.tool.max() + 1, self.obj.max() + 1))
         return np.asarray(tool[self.tool] * obj[self.obj], dtype=float)
 
     def rmse(self, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Before, after and floor of draws (b x c), b each; NaN where nothing was drawn."""
+        """Compute before, after and floor of draws (b x c), b each; NaN where nothing was drawn."""
         with np.errstate(invalid="ignore", divide="ignore"):
             before, after, mesh = (
                 np.sqrt(weights @ x / (weights @ self.n)) for x in (self.before, self.after, self.mesh)
@@ -193,7 +193,7 @@ class _Cells:
         return before, after, np.fmax(np.fmax(repeat, mesh), self.least_floor_n)
 
     def closed(self, weights: np.ndarray) -> np.ndarray:
-        """Closed share, b, within -1 and 1; 0 where there is no gap above the floor."""
+        """Compute the closed share, b, within -1 and 1; 0 where there is no gap above the floor."""
         before, after, floor = self.rmse(weights)
         with np.errstate(invalid="ignore", divide="ignore"):
             share = np.clip((before - after) / (before - floor), -1.0, 1.0)
@@ -201,7 +201,7 @@ class _Cells:
 
 
 def find_confounds(visible: Mapping[str, float] | None = None) -> tuple[Confound, ...]:
-    """Declared aliases of the catalogue, and effects of which theta and tools swallow all but a tenth in these data.
+    """Find the catalogue's declared aliases, and effects of which theta and tools take all but a tenth in these data.
 
     visible: by effect, the share of its signature that is left once theta and tools are fitted again.
     """

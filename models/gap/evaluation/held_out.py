@@ -46,7 +46,7 @@ class HeldOut:
 
     @staticmethod
     def of(data: GapData, theta: Theta, rows: np.ndarray | None = None) -> "HeldOut":
-        """The held-out grasps of a search; rows: those of them that could be simulated, as of `data.held_out`.
+        """Take the held-out grasps of a search; rows: those that could be simulated, as of `data.held_out`.
 
         Raises:
             UsageError: nothing is held out.
@@ -105,7 +105,7 @@ class PrintFactors:
 
     @staticmethod
     def of(held_out: HeldOut, simulated_n: np.ndarray) -> "PrintFactors":
-        """Factors of held-out grasps as a simulator has them (m x 120); 1 for a tool on one object.
+        """Compute factors of held-out grasps as a simulator has them (m x 120); 1 for a tool on one object.
 
         The logarithm of a factor has the prior N(0, `TOOL_SD`^2). Cells scatter about their tool by the standard
         deviation that they show.
@@ -167,7 +167,7 @@ class Metrics(Record):
 
 
 def compute_metrics(held_out: HeldOut, prediction: Prediction, block: str = BLOCKS[0]) -> Metrics:
-    """Metrics of a prediction over a block of the held-out grasps."""
+    """Compute the metrics of a prediction over a block of the held-out grasps."""
     rows = held_out.blocks[block]
     measured, predicted = held_out.measured_n[rows], prediction.steps_n[rows]
     tool, obj = held_out.tool[rows], held_out.obj[rows]
@@ -191,7 +191,7 @@ def compute_metrics(held_out: HeldOut, prediction: Prediction, block: str = BLOC
 
 
 def compute_class_errors(held_out: HeldOut, prediction: Prediction, names: Mapping[int, str]) -> dict[str, float]:
-    """Root mean square error (N) by the class of the object; names: class of every object id."""
+    """Compute the root mean square error (N) by the class of the object; names: class of every object id."""
     of_grasp = np.array([names[held_out.objects[o]] for o in held_out.obj])
     squares = ((held_out.measured_n - prediction.steps_n) ** 2).mean(axis=1)
     return {str(name): float(np.sqrt(squares[of_grasp == name].mean())) for name in np.unique(of_grasp)}
@@ -200,7 +200,7 @@ def compute_class_errors(held_out: HeldOut, prediction: Prediction, names: Mappi
 def add_scatter(
     label: str, draws_n: np.ndarray, held_out: HeldOut, relative_sd: np.ndarray, noise_sd_n: float
 ) -> Prediction:
-    """Prediction with intervals from posterior draws (d x m x steps) and what no simulator knows of a single grasp.
+    """Predict with intervals from posterior draws (d x m x steps) and what no simulator knows of a single grasp.
 
     relative_sd: m, scatter of the force by print, placement and repeat. noise_sd_n: of a step's mean.
     """
@@ -211,7 +211,7 @@ def add_scatter(
 
 
 def _intervals(measured: np.ndarray, predicted: np.ndarray, sd: np.ndarray | None) -> tuple[float | None, float | None]:
-    """Share of steps inside 90 % intervals and their mean width, where there is force."""
+    """Compute the share of steps inside 90 % intervals and their mean width, where there is force."""
     if sd is None:
         return None, None
     holds = np.abs(predicted) > 0.05 * np.abs(predicted).max(axis=1, keepdims=True)

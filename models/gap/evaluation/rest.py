@@ -22,7 +22,7 @@ _LIFT_MM = STEP_MM * (np.arange(N_STEPS) + 0.5)
 
 
 def describe_rest(residuals: Residuals) -> Rest:
-    """The mean force that is left over the lift, with a 90 % band over tools and objects, and a description of it.
+    """Describe the mean force that is left over the lift, in words and with a 90 % band over tools and objects.
 
     residuals: of the fit that knows all that was named, of the grasps to learn from.
     """
@@ -40,7 +40,7 @@ def describe_rest(residuals: Residuals) -> Rest:
 
 
 def _find_tail(residuals: Residuals) -> str | None:
-    """The force that stays after the object has left the simulated fingers; None if none stays."""
+    """Find the force that stays after the object has left the simulated fingers; None if none stays."""
     is_free = _find_free_steps(residuals.predicted_n)
     gap_n = residuals.measured_n - residuals.predicted_n
     counts = is_free.sum(axis=1)
@@ -85,7 +85,7 @@ def _mean(rows: np.ndarray) -> np.ndarray:
 
 
 def _mean_with_band(gap_n: np.ndarray, residuals: Residuals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean over the grasps and its 90 % band over tools and objects, steps each."""
+    """Compute the mean over the grasps and its 90 % band over tools and objects, steps each."""
 
     def mean(mask: np.ndarray) -> np.ndarray:
         return np.asarray(gap_n[mask].mean(axis=0) if mask.any() else np.full(gap_n.shape[1], np.nan))
@@ -94,12 +94,12 @@ def _mean_with_band(gap_n: np.ndarray, residuals: Residuals) -> tuple[np.ndarray
 
 
 def _has_enough(residuals: Residuals, is_seen: np.ndarray) -> bool:
-    """Whether grasps of at least three tools and objects are among the chosen: fewer have no interval."""
+    """Return whether grasps of at least three tools and objects are among the chosen: fewer have no interval."""
     return all(len(np.unique(group[is_seen])) >= 3 for group in (residuals.tool, residuals.obj))
 
 
 def _find_free_steps(predicted_n: np.ndarray) -> np.ndarray:
-    """Steps after the object has left the simulated fingers, n x steps."""
+    """Find the steps after the object has left the simulated fingers, n x steps."""
     simulated_n = np.abs(smooth(predicted_n))
     is_held = simulated_n >= _EMPTY * simulated_n.max(axis=1, keepdims=True)
     last = predicted_n.shape[1] - 1 - is_held[:, ::-1].argmax(axis=1)
@@ -107,7 +107,7 @@ def _find_free_steps(predicted_n: np.ndarray) -> np.ndarray:
 
 
 def _describe_tail(residuals: Residuals, gap_n: np.ndarray, is_free: np.ndarray, size: _Size) -> str:
-    """What stays at the middle of the lifts without an object, and whether it grows with lift."""
+    """Describe what stays at the middle of the lifts without an object, and whether it grows with lift."""
     chosen = is_free.any(axis=1)
     weights = is_free[chosen].astype(float)
     rows_n = gap_n[chosen]
@@ -135,7 +135,7 @@ def _describe_tail(residuals: Residuals, gap_n: np.ndarray, is_free: np.ndarray,
 
 
 def _find_largest_phase(residuals: Residuals) -> str | None:
-    """The phase with the largest mean force, of those in which tools and objects agree on a sign; None without any."""
+    """Find the phase of largest mean force, of those where tools and objects agree on a sign; None without any."""
     found: list[tuple[_Size, str]] = []
     for place, phase in enumerate(PHASES):
         is_there = np.isfinite(residuals.phases_n[:, place])

@@ -56,13 +56,13 @@ class Candidate:
 
 
 def weigh_candidates(fit: EvidenceFit, names: Sequence[str]) -> list[Candidate]:
-    """Effects of these names, patterns and drifts with their evidence, the most first."""
+    """Weigh effects of these names, patterns and drifts by their evidence, the most first."""
     found = [*weigh_effects(fit, names), *weigh_patterns(fit), *weigh_drifts(fit)]
     return sorted(found, key=lambda one: -one.nats)
 
 
 def weigh_effects(fit: EvidenceFit, names: Sequence[str]) -> list[Candidate]:
-    """Effects of these names, each alone."""
+    """Weigh the effects of these names, each alone."""
     return [_weigh_effect(fit, name) for name in names]
 
 
@@ -135,7 +135,7 @@ def _see(product: float, whole: float) -> float:
 
 
 def _weigh_facts(fit: EvidenceFit, values: Sequence[EffectValue]) -> np.ndarray:
-    """How much more probable facts are with an effect at s values times `SCALES` than without it, s x 8, in nats."""
+    """Compute how much more probable facts are with an effect at s values times `SCALES` than without, s x 8, nats."""
     facts = [one for one in fit.problem.facts if one.effect == values[0].effect]
     gains = np.zeros((len(values), len(SCALES)))
     if facts:
@@ -145,7 +145,7 @@ def _weigh_facts(fit: EvidenceFit, values: Sequence[EffectValue]) -> np.ndarray:
 
 
 def predict_changes(fit: EvidenceFit, values: Sequence[EffectValue]) -> tuple[np.ndarray, np.ndarray | None]:
-    """What an effect at s values changes in means (s x c x b), and in contrasts (s x r x ...) if it has a memory."""
+    """Predict what an effect at s values changes in means (s x c x b), and contrasts (s x r x ...) if it has memory."""
     problem, reading, known = fit.problem, fit.problem.reading, fit.effects
     if not has_memory(values[0].effect):
         base_n = problem.predict_cells(fit.theta, known)
@@ -158,7 +158,7 @@ def predict_changes(fit: EvidenceFit, values: Sequence[EffectValue]) -> tuple[np
 
 
 def weigh_patterns(fit: EvidenceFit) -> list[Candidate]:
-    """Smooth forces and factors over the lift, of all grasps, of objects, and of tools; friction of these two.
+    """Weigh smooth forces and factors over the lift, of all grasps, objects, and tools; friction of these two.
 
     By a force or factor of each object, solvers of the same physics differ: their contact and meshes do.
     """
@@ -194,7 +194,7 @@ def weigh_patterns(fit: EvidenceFit) -> list[Candidate]:
 
 
 def weigh_quantities(fit: EvidenceFit) -> list[Candidate]:
-    """Patterns that are as if jaws, objects or clocks were otherwise than told, the same in all repeats."""
+    """Weigh patterns that are as if jaws, objects or clocks were otherwise than told, the same in all repeats."""
     problem, found = fit.problem, []
     one = np.zeros(len(problem.tool), dtype=int)
     groups = (
@@ -216,7 +216,7 @@ def weigh_quantities(fit: EvidenceFit) -> list[Candidate]:
 
 
 def _list_fields(fit: EvidenceFit) -> list[tuple[str, np.ndarray]]:
-    """What a unit more of each quantity changes in the cells, c x 120; of the closing at several strokes."""
+    """List what a unit more of each quantity changes in the cells, c x 120; of the closing at several strokes."""
     problem, theta, cells, known = fit.problem, fit.theta, fit.problem.of_cells, fit.effects
     force_n = fit.factor[:, None] * problem.predict_cells(theta, known)
     tool, column = cells.grasps.tool, cells.column
@@ -232,7 +232,7 @@ def _list_fields(fit: EvidenceFit) -> list[tuple[str, np.ndarray]]:
 
 
 def _find_friction_slope(fit: EvidenceFit) -> np.ndarray:
-    """What a share of friction changes in the cells, c x 120."""
+    """Compute what a share of friction changes in the cells, c x 120."""
     more_n, less_n = (
         fit.problem.predict_cells(fit.theta * np.array([1.0, by, 1.0]), fit.effects) for by in (1.01, 0.99)
     )
@@ -240,7 +240,7 @@ def _find_friction_slope(fit: EvidenceFit) -> np.ndarray:
 
 
 def weigh_drifts(fit: EvidenceFit) -> list[Candidate]:
-    """Quantities that change from grasp to grasp, told by what repeats of the same cells differ by."""
+    """Weigh quantities that change from grasp to grasp, told by what repeats of the same cells differ by."""
     reading = fit.problem.reading
     if not len(reading.mix):
         return []
@@ -270,7 +270,7 @@ def weigh_drifts(fit: EvidenceFit) -> list[Candidate]:
 
 
 def _weigh_sizes(products: np.ndarray, along: np.ndarray) -> tuple[float, np.ndarray]:
-    """Evidence of columns whose coefficients have a common size, averaged over `SIZES`, and the likeliest ones."""
+    """Weigh columns whose coefficients have a common size: evidence averaged over `SIZES`, and the likeliest ones."""
     values, vectors = np.linalg.eigh(products)
     values, inner = np.maximum(values, 0.0), vectors.T @ along
     nats = [0.5 * float((s**2 * inner**2 / (1.0 + s**2 * values) - np.log1p(s**2 * values)).sum()) for s in SIZES]

@@ -32,7 +32,7 @@ class Clock:
     is_by_batch: bool = False
 
     def place(self, grasps: Grasps) -> tuple[np.ndarray, np.ndarray]:
-        """Which drift each grasp is on, and where, n each."""
+        """Return which drift each grasp is on, and where, n each."""
         at = np.array([self.read(context) for context in grasps.contexts], dtype=float)
         return (find_batches(grasps) if self.is_by_batch else np.zeros(len(at), dtype=int)), at
 
@@ -54,18 +54,18 @@ QUANTITIES: Mapping[str, str] = {
 
 
 def find_effect(quantity: str, clock: str) -> str:
-    """The effect of the catalogue by which a quantity changes along a clock; empty if there is none."""
+    """Find the effect of the catalogue by which a quantity changes along a clock; empty if there is none."""
     drifts = ((name, spec.drift) for name, spec in CATALOGUE.items() if spec.drift is not None)
     return next((name for name, drift in drifts if drift.quantity == quantity and clock in drift.clocks), "")
 
 
 def describe_drift(quantity: str, clock: str) -> str:
-    """When and how repeats of the same grasps differ, in words."""
+    """Describe when and how repeats of the same grasps differ, in words."""
     return f"{CLOCKS[clock].words}, {QUANTITIES[quantity]}"
 
 
 def find_batches(grasps: Grasps) -> np.ndarray:
-    """Batch of each grasp, n.
+    """Find the batch of each grasp, n.
 
     Every batch counts its grasps anew, so a tool that begins before the last one ended is of another batch. Tools of a
     batch are measured one after the other, in the order of their numbers.
@@ -80,13 +80,13 @@ def find_batches(grasps: Grasps) -> np.ndarray:
 
 
 def place_knots(at: np.ndarray, length: float) -> np.ndarray:
-    """Knots of a drift of this length between grasps at places (n)."""
+    """Place knots of a drift of this length between grasps at places (n)."""
     n = int(np.ceil(np.ptp(at) / (_SPACING * length))) + 1
     return np.linspace(at.min(), at.max(), min(max(n, 2), _MOST_KNOTS))
 
 
 def make_basis(knots: np.ndarray, at: np.ndarray, length: float) -> np.ndarray:
-    """What each weight of unit variance adds to a drift at places (n), k x n."""
+    """Compute what each weight of unit variance adds to a drift at places (n), k x n."""
     length = max(length, _SPACING * float(knots[1] - knots[0]))
 
     def kernel(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -58,7 +58,7 @@ class Errors:
 
     @staticmethod
     def of(surrogate: Surrogate, reading: Reading) -> "Errors":
-        """The errors of these cells, from the bank of the surrogate."""
+        """Make the errors of these cells, from the bank of the surrogate."""
         bank, grasps = surrogate.bank, reading.grasps
         centre_n = bank.centre_steps_n
         known = np.isfinite(centre_n).all(axis=-1)
@@ -82,11 +82,11 @@ class Errors:
         )
 
     def grow(self, force_n: np.ndarray) -> np.ndarray:
-        """How many times larger the forces of cells (c x b) are than at the centre, c."""
+        """Compute how many times larger the forces of cells (c x b) are than at the centre, c."""
         return np.asarray(np.sqrt((force_n**2).mean(axis=1)) / self.size_n)
 
     def cover_means(self, force_n: np.ndarray, n_repeats: np.ndarray, scatter: Scatter) -> np.ndarray:
-        """Covariances of means of cells (c x b x b) with these forces (c x b)."""
+        """Compute covariances of means of cells (c x b x b) with these forces (c x b)."""
         peak_n = np.abs(force_n).max(axis=1)[:, None, None]
         moved_n = PLACEMENT_SD_MM * (self.placed_n @ OF_BINS.T) * self.grow(force_n)[:, None]
         relative = (scatter.cell**2 + scatter.repeat**2 / n_repeats)[:, None, None]
@@ -97,13 +97,13 @@ class Errors:
         return np.asarray(found)
 
     def cover_contrasts(self, force_n: np.ndarray, scatter: Scatter) -> np.ndarray:
-        """Covariances of contrasts of repeats (r x d x d) of cells with these forces (r x d)."""
+        """Compute covariances of contrasts of repeats (r x d x d) of cells with these forces (r x d)."""
         relative = scatter.repeat**2 * force_n[:, :, None] * force_n[:, None]
         return np.asarray(relative + self.contrast_noise + TARE_SD_N**2)
 
 
 def _find_missed(surrogate: Surrogate) -> np.ndarray:
-    """What the surfaces miss at the grid's points, t x k x g x 120, as large as at points that were not fitted."""
+    """Find what surfaces miss at the grid's points, t x k x g x 120, as large as at points that were not fitted."""
     bank, surfaces = surrogate.bank, surrogate.surfaces
     basis = surfaces.rows(bank.grid[:, 0], bank.grid[:, 1])
     fitted_n = np.einsum("gk,tokf->togf", basis, surfaces.coefficients[..., N_LEAD:])
@@ -113,7 +113,7 @@ def _find_missed(surrogate: Surrogate) -> np.ndarray:
 
 
 def _fill_up(solver: np.ndarray, n: int) -> np.ndarray:
-    """A covariance (b x b) of n variants of cells, what n lacks of enough filled up with what is usual."""
+    """Fill up a covariance (b x b) of n variants of cells: what n lacks of enough is what is usual."""
     if n >= _ENOUGH:
         return solver
     sd = _USUAL_START * np.exp(-MIDDLES_MM / _START_MM) + _USUAL
@@ -123,7 +123,7 @@ def _fill_up(solver: np.ndarray, n: int) -> np.ndarray:
 
 
 def _pool(shares: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Outer products of errors (t x k x v x b) by variant, v x b x b: their mean over the cells where each is known."""
+    """Pool outer products of errors (t x k x v x b) by variant, v x b x b: means over the cells where each is known."""
     rows = shares[known]
     is_known = np.isfinite(rows).all(axis=2)
     rows = np.where(is_known[..., None], rows, 0.0)

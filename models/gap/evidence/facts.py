@@ -25,25 +25,25 @@ class Fact:
     sd: float
 
     def draw(self, true: Sequence[EffectValue], rng: np.random.Generator) -> "Fact":
-        """The same as it would be measured of true effects."""
+        """Draw the same as it would be measured of true effects."""
         return replace(self, value=self.predict(true) + self.sd * float(rng.standard_normal()))
 
     def predict(self, effects: Sequence[EffectValue]) -> float:
-        """What it is with these effects, without an error."""
+        """Predict what it is with these effects, without an error."""
         spec = next(one for one in CATALOGUE[self.effect].parameters if one.name == self.parameter)
         own = (one.parameters for one in effects if one.effect == self.effect)
         return next((parameters.get(self.parameter, spec.neutral) for parameters in own), spec.neutral)
 
 
 def list_facts(readings: Iterable[tuple[str, float]]) -> tuple[Fact, ...]:
-    """Facts of readings (kind and number); a kind that no effect of the catalogue has is none."""
+    """List facts of readings (kind and number); a kind that no effect of the catalogue has is none."""
     specs = {spec.measurement.kind: (name, spec.measurement) for name, spec in CATALOGUE.items() if spec.measurement}
     known = ((*specs[kind], value) for kind, value in readings if kind in specs)
     return tuple(Fact(name, how.parameter, value, how.sd) for name, how, value in known)
 
 
 def compare_facts(facts: Sequence[Fact], effects: Sequence[EffectValue]) -> np.ndarray:
-    """What was measured less what these effects make of it, in standard deviations, f."""
+    """Compute what was measured less what these effects make of it, in standard deviations, f."""
     return np.array([(one.value - one.predict(effects)) / one.sd for one in facts])
 
 

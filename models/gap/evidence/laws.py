@@ -21,12 +21,12 @@ _LEAST = 0.3  # of the small size: what turns round with the force at the start 
 
 
 def has_memory(effect: str) -> bool:
-    """Whether what an effect changes depends on what the tool did before."""
+    """Return whether what an effect changes depends on what the tool did before."""
     return CATALOGUE[effect].kind.overrides("in_grasp")
 
 
 def scale_value(value: EffectValue, scale: float) -> EffectValue:
-    """An effect with its amplitudes scaled on their axes, from neutral; what shapes it stays."""
+    """Scale the amplitudes of an effect on their axes, from neutral; what shapes it stays."""
     found = CATALOGUE[value.effect].neutral.parameters | dict(value.parameters)
     for place, (spec, axis) in enumerate(zip(CATALOGUE[value.effect].parameters, axes_of(value.effect), strict=True)):
         if place == 0 or spec.neutral != spec.prior_median:  # else it only shapes the effect
@@ -36,7 +36,7 @@ def scale_value(value: EffectValue, scale: float) -> EffectValue:
 
 
 def list_law_changes(tool: np.ndarray, n_tools: int, force_n: np.ndarray, change_n: np.ndarray) -> np.ndarray:
-    """Changes (k x c x b) by which that of an effect (c x b) may differ, prior standard deviation 1.
+    """List changes (k x c x b) by which that of an effect (c x b) may differ, prior standard deviation 1.
 
     tool: c, of each cell. force_n: c x b.
     """
@@ -55,18 +55,18 @@ def list_law_changes(tool: np.ndarray, n_tools: int, force_n: np.ndarray, change
 
 
 def count_law_changes(n_tools: int) -> int:
-    """How many changes `list_law_changes` gives: along the lift, with the force, by print."""
+    """Count how many changes `list_law_changes` gives: along the lift, with the force, by print."""
     return N_KNOTS + 2 + n_tools
 
 
 def find_level(force_n: np.ndarray) -> np.ndarray:
-    """Logarithm of the force of cells (c x b), mean 0 and standard deviation 1."""
+    """Compute the logarithm of the force of cells (c x b), mean 0 and standard deviation 1."""
     level = np.log(np.maximum(np.sqrt((force_n**2).mean(axis=1)), 1e-6))
     return np.asarray((level - level.mean()) / max(float(level.std()), 1e-9))
 
 
 def list_secants(effect: str) -> list[EffectValue]:
-    """Amplitudes, signs and shapes of an effect at which it is tried: the bank's, or spread over its prior."""
+    """List amplitudes, signs and shapes of an effect at which it is tried: the bank's, or spread over its prior."""
     spec = CATALOGUE[effect]
     if spec.bank_runs:
         return [EffectValue(effect=effect, parameters=dict(row)) for row in spec.bank_runs]

@@ -62,7 +62,7 @@ class Problem:
 
     @staticmethod
     def of(surrogate: Surrogate, effects: Sequence[EffectValue] = (), facts: Sequence[Fact] = ()) -> "Problem":
-        """The problem of the grasps of a surrogate, all of them usable."""
+        """Make the problem of the grasps of a surrogate, all of them usable."""
         reading = Reading.of(surrogate.grasps)
         errors = Errors.of(surrogate, reading)
         of_cells = surrogate.select(reading.rows)
@@ -73,7 +73,7 @@ class Problem:
         return blank.measured(surrogate.grasps.steps_n, blank.facts)
 
     def measured(self, steps_n: np.ndarray, facts: Sequence[Fact] = ()) -> "Problem":
-        """The same problem with other forces of the grasps, n x 120, and other facts."""
+        """Return the same problem with other forces of the grasps, n x 120, and other facts."""
         means_n, contrasts_n = self.reading.average(steps_n), self.reading.contrast(steps_n)
         return replace(self, means_n=means_n, contrasts_n=contrasts_n, facts=tuple(facts))
 
@@ -88,25 +88,25 @@ class Problem:
         return np.asarray(self.reading.grasps.obj[self.reading.rows])
 
     def scale_effects(self, scales: np.ndarray) -> tuple[EffectValue, ...]:
-        """The effects with other amplitudes."""
+        """Return the effects with other amplitudes."""
         return tuple(scale_value(value, float(scale)) for value, scale in zip(self.effects, scales, strict=True))
 
     def predict_steps(self, theta: np.ndarray, effects: Sequence[EffectValue]) -> np.ndarray:
-        """Step means of every grasp with these effects, n x 120."""
+        """Predict the step means of every grasp with these effects, n x 120."""
         return self.surrogate.predict_steps(theta, effects)
 
     def predict_cells(self, theta: np.ndarray, effects: Sequence[EffectValue] = ()) -> np.ndarray:
-        """Step means of one grasp of each cell that nothing came before, with these effects, c x 120."""
+        """Predict step means of one grasp of each cell that nothing came before, with these effects, c x 120."""
         return self.of_cells.predict_steps(theta, effects)
 
     def predict_means(self, theta: np.ndarray, effects: Sequence[EffectValue]) -> np.ndarray:
-        """Means of cells with these effects, c x b."""
+        """Predict the means of cells with these effects, c x b."""
         if any(has_memory(value.effect) for value in effects):
             return self.reading.average(self.predict_steps(theta, effects))
         return np.asarray(self.predict_cells(theta, effects) @ OF_BINS.T)
 
     def predict_contrasts(self, theta: np.ndarray, effects: Sequence[EffectValue]) -> np.ndarray:
-        """Contrasts of repeats with these effects, r x ...; none without a memory."""
+        """Predict the contrasts of repeats with these effects, r x ...; none without a memory."""
         if any(has_memory(value.effect) for value in effects):
             return self.reading.contrast(self.predict_steps(theta, effects))
         return np.zeros((len(self.reading.mix), len(OF_CONTRASTS)))
@@ -178,7 +178,7 @@ class EvidenceFit:
         return slice(self.force_n.size, self.force_n.size + self.problem.contrasts_n.size)
 
     def whiten(self, means_n: np.ndarray, contrasts_n: np.ndarray | None = None) -> np.ndarray:
-        """Changes of means (k x c x b) and of contrasts (k x r x ...; none by default) over their errors, k x d."""
+        """Divide changes of means (k x c x b) and contrasts (k x r x ...; none by default) by errors, k x d."""
         found = np.zeros((len(means_n), len(self.gap)))
         found[:, : self.force_n.size] = _whiten(self.mean_roots, means_n)
         if contrasts_n is not None:
@@ -186,17 +186,17 @@ class EvidenceFit:
         return found
 
     def whiten_contrasts(self, contrasts_n: np.ndarray) -> np.ndarray:
-        """Changes of contrasts alone over their errors, k x (r ...)."""
+        """Divide changes of contrasts alone by their errors, k x (r ...)."""
         return _whiten(self.contrast_roots, contrasts_n)
 
     def multiply(self, white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of k changes: their products (k x k) and those with the gap (k), what is free integrated out."""
+        """Multiply k changes: with each other (k x k) and with the gap (k), what is free integrated out."""
         heavy = white * self.value_weights
         inner = self._white_columns @ heavy.T
         return np.asarray(white @ heavy.T - inner.T @ inner), np.asarray(heavy @ self.gap - inner.T @ self._own)
 
     def multiply_contrasts(self, white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same for changes of contrasts alone, k x (r ...)."""
+        """Do the same for changes of contrasts alone, k x (r ...)."""
         columns = self._white_columns[:, self.of_contrasts]
         products, along = white @ white.T, white @ self.gap[self.of_contrasts]
         if columns.any():
@@ -227,14 +227,14 @@ def _weigh_cells(chi: np.ndarray) -> np.ndarray:
 
 
 def _spread_weights(weights: np.ndarray, n: int) -> np.ndarray:
-    """Weights of cells as those of n values; contrasts all count."""
+    """Spread weights of cells to those of n values; contrasts all count."""
     found = np.ones(n)
     found[: len(weights) * N_BINS] = np.repeat(weights, N_BINS)
     return found
 
 
 def fit_evidence(problem: Problem) -> EvidenceFit:
-    """Theta, moduli and the simulator's errors at the most probable point, with scatters as the data have them."""
+    """Fit theta, moduli and the simulator's errors at the most probable point, with scatters as the data have them."""
     fit = _fit(problem, Scatter(), _start(problem))
     scatter = Scatter(_estimate_cell(fit), _estimate_repeat(fit), 1.0)
     fit = _fit(problem, scatter, _Start.of(fit))
@@ -244,7 +244,7 @@ def fit_evidence(problem: Problem) -> EvidenceFit:
 
 
 def add_effect(fit: EvidenceFit, value: EffectValue, stiffer: float = 1.0) -> EvidenceFit:
-    """The fit with one more effect in the simulator, everything fitted again but scatters.
+    """Return the fit with one more effect in the simulator, everything fitted again but scatters.
 
     value: where it starts; stiffer: how many times stiffer than fitted the finger is then.
     """
@@ -266,7 +266,7 @@ class _Start:
 
     @staticmethod
     def of(fit: EvidenceFit) -> "_Start":
-        """Where a fit has ended."""
+        """Start where a fit has ended."""
         return _Start(fit.theta, fit.began, fit.moduli, fit.weights, fit.scales)
 
 
@@ -279,7 +279,7 @@ def _start(problem: Problem) -> _Start:
 
 
 def _fit(problem: Problem, scatter: Scatter, start: _Start) -> EvidenceFit:
-    """Gauss-Newton until the evidence stands still."""
+    """Take Gauss-Newton steps until the evidence stands still."""
     before, largest = -np.inf, _LARGEST_AMPLITUDE
     for _ in range(_MOST_STEPS):
         found, moved = _weigh(problem, scatter, start)
@@ -292,7 +292,7 @@ def _fit(problem: Problem, scatter: Scatter, start: _Start) -> EvidenceFit:
 
 
 def _move(fit: EvidenceFit, moved: np.ndarray, largest: float) -> _Start:
-    """Where the next step begins. moved: k, of what is free; largest: change of ln of an amplitude."""
+    """Return where the next step begins. moved: k, of what is free; largest: change of ln of an amplitude."""
     grid, n_effects = fit.problem.surrogate.bank.grid, len(fit.scales)
     by = np.clip(moved[:3] * _PRIOR_SD, -_LARGEST, _LARGEST)
     inside = np.clip(fit.theta[1:] + by[1:], grid.min(axis=0), grid.max(axis=0))
@@ -307,7 +307,7 @@ def _move(fit: EvidenceFit, moved: np.ndarray, largest: float) -> _Start:
 
 
 def _weigh(problem: Problem, scatter: Scatter, start: _Start) -> tuple[EvidenceFit, np.ndarray]:
-    """The evidence as it is linear about the start, and how far what is free would go from there (k)."""
+    """Weigh the evidence as it is linear about the start, and tell how far what is free would go from there (k)."""
     errors, reading, tool = problem.errors, problem.reading, problem.tool
     theta, moduli, weights, scales = start.theta, start.moduli, start.weights, start.scales
     factor, effects = np.exp(moduli)[tool][:, None], problem.scale_effects(scales)
@@ -365,7 +365,7 @@ def _weigh(problem: Problem, scatter: Scatter, start: _Start) -> tuple[EvidenceF
 def _list_facts(
     problem: Problem, effects: Sequence[EffectValue], scales: np.ndarray, n_columns: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What facts leave (f), how that goes with what is free (k x f), and their weights (f), by which both are times.
+    """List what facts leave (f), how it goes with what is free (k x f), and the weights (f) by which both are times.
 
     The amplitudes of effects alone, which are free last, have to do with facts.
     """
@@ -380,18 +380,18 @@ def _list_facts(
 
 
 def _whiten(roots: np.ndarray, changes_n: np.ndarray) -> np.ndarray:
-    """Changes (k x m x b) times the matrices of their parts (m x b x b), k x (m b)."""
+    """Multiply changes (k x m x b) by the matrices of their parts (m x b x b), k x (m b)."""
     found = (roots @ changes_n.transpose(1, 2, 0)).transpose(2, 0, 1)
     return np.asarray(found.reshape(len(changes_n), -1))
 
 
 def _invert(covariances: np.ndarray) -> np.ndarray:
-    """Matrices (m x b x b) that whiten values with these covariances."""
+    """Compute matrices (m x b x b) that whiten values with these covariances."""
     return _invert_lower(np.linalg.cholesky(covariances))
 
 
 def _invert_lower(roots: np.ndarray) -> np.ndarray:
-    """Inverses of lower triangular matrices (m x b x b), by halves: those of the halves, and what joins them."""
+    """Invert lower triangular matrices (m x b x b), by halves: those of the halves, and what joins them."""
     n = roots.shape[-1]
     if n <= _SMALL:
         return np.asarray(np.linalg.inv(roots))
@@ -405,7 +405,7 @@ def _invert_lower(roots: np.ndarray) -> np.ndarray:
 def _list_columns(
     problem: Problem, theta: np.ndarray, effects: Sequence[EffectValue], force_n: np.ndarray, factor: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Changes of means (k x c x b) and of contrasts (k x r x ...) by what is free, one prior sd each.
+    """List changes of means (k x c x b) and of contrasts (k x r x ...) by what is free, one prior sd each.
 
     Theta first, then moduli of prints, variants of the simulator, smooth errors of all grasps, heights of objects, laws
     of effects, and their amplitudes. force_n: c x b, as predicted; factor: c x 1, moduli of prints.
@@ -451,7 +451,7 @@ def _list_columns(
 
 
 def _estimate_cell(fit: EvidenceFit) -> float:
-    """Scatter of cells: how much the factors on their forces differ, tools and objects apart."""
+    """Estimate the scatter of cells: how much the factors on their forces differ, tools and objects apart."""
     own = (fit.force_n**2).sum(axis=1)
     share = (fit.rest_n * fit.force_n).sum(axis=1) / np.maximum(own, 1e-12)
     for group in (fit.problem.tool, fit.problem.obj, fit.problem.tool):
@@ -461,7 +461,7 @@ def _estimate_cell(fit: EvidenceFit) -> float:
 
 
 def _estimate_repeat(fit: EvidenceFit) -> float:
-    """Scatter of repeats: how much the factors on their forces differ, less what noise does to them."""
+    """Estimate the scatter of repeats: how much the factors on their forces differ, less what noise does to them."""
     problem = fit.problem
     if not len(problem.contrasts_n):
         return Scatter().repeat
@@ -489,7 +489,7 @@ def _moved(theta: np.ndarray, place: int, by: float) -> np.ndarray:
 
 
 def _find_scale(problem: Problem, theta: np.ndarray) -> float:
-    """Measured over predicted force, the median of cells."""
+    """Compute measured over predicted force, the median of cells."""
     force_n = problem.predict_means(theta, problem.effects)
     along = (force_n * problem.means_n).sum(axis=1) / np.maximum((force_n**2).sum(axis=1), 1e-9)
     return float(np.clip(np.median(along), 0.05, 20.0))

@@ -17,7 +17,7 @@ class Odds:
 
     @staticmethod
     def learn(features: np.ndarray, is_true: Sequence[bool], shares: np.ndarray | None = None) -> "Odds":
-        """The weights that make what was seen (n x k) most probable; shares: how much each of n counts, by default 1.
+        """Learn weights that make what was seen (n x k) most probable; shares: how much each of n counts, by default 1.
 
         Newton's method on the penalised likelihood, which has one maximum.
         """
@@ -32,6 +32,6 @@ class Odds:
         return Odds(tuple(weights.tolist()))
 
     def judge(self, features: np.ndarray) -> float:
-        """The probability at features (k)."""
+        """Return the probability at features (k)."""
         log_odds = float(np.array(self.weights) @ np.concatenate([[1.0], features]))
         return float(1.0 / (1.0 + np.exp(-np.clip(log_odds, -30.0, 30.0))))

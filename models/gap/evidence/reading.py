@@ -19,7 +19,7 @@ CONTRAST_EDGES = np.array([0, 2, 4, 8, 16, 28, 44, 60, 90, N_STEPS])
 
 
 def _averaging(edges: np.ndarray) -> np.ndarray:
-    """Matrix (b x 120) that takes step means to means over bins."""
+    """Make the matrix (b x 120) that takes step means to means over bins."""
     rows = np.zeros((len(edges) - 1, N_STEPS))
     for row, (start, end) in zip(rows, zip(edges[:-1], edges[1:], strict=True), strict=True):
         row[start:end] = 1.0 / (end - start)
@@ -34,7 +34,7 @@ SMOOTH = np.array([np.interp(MIDDLES_MM, KNOTS_MM, row) for row in np.eye(len(KN
 
 
 def compute_rms(values: np.ndarray) -> float:
-    """Root mean square."""
+    """Compute the root mean square."""
     return float(np.sqrt((values**2).mean()))
 
 
@@ -55,7 +55,7 @@ class Reading:
 
     @staticmethod
     def of(grasps: Grasps) -> "Reading":
-        """The cells of grasps, in the order of their first grasps."""
+        """Find the cells of grasps, in the order of their first grasps."""
         keys = np.stack([grasps.tool, grasps.obj, grasps.setup, grasps.placement], axis=1)
         _, rows, cell = np.unique(keys, axis=0, return_index=True, return_inverse=True)
         cell = cell.reshape(-1)
@@ -78,13 +78,13 @@ class Reading:
         return len(self.rows)
 
     def average(self, steps_n: np.ndarray) -> np.ndarray:
-        """Means of cells over bins (c x b) of step means of grasps (n x 120)."""
+        """Average cells over bins (c x b) from step means of grasps (n x 120)."""
         order, starts = self._by_cell
         total = np.add.reduceat((steps_n @ OF_BINS.T)[order], starts)
         return np.asarray(total / self.n_repeats[:, None])
 
     def contrast(self, steps_n: np.ndarray) -> np.ndarray:
-        """Contrasts of repeats over their bins (r x d) of step means of grasps (n x 120)."""
+        """Compute contrasts of repeats over their bins (r x d) of step means of grasps (n x 120)."""
         return np.asarray(self.mix @ (steps_n @ OF_CONTRASTS.T))
 
     @cached_property

@@ -87,7 +87,7 @@ class Rehearsal:
 
     @staticmethod
     def of(worlds: Sequence[Rehearsed]) -> "Rehearsal":
-        """Lines are those that one in a hundred worlds with nothing hidden passes, each: the largest of fewer."""
+        """Draw each line where one in a hundred worlds with nothing hidden passes it: the largest of fewer."""
         listed = [one.named for one in worlds if one.family and one.named is not None]
         others = [one.named for one in worlds if not one.family and one.named is not None]
         others += [one.left_out for one in worlds if one.left_out is not None]
@@ -111,11 +111,11 @@ class Rehearsal:
         return float(np.quantile(nothing, SEEN)) if nothing else self.thresholds.nats
 
     def is_alarm(self, signs: Signs) -> bool:
-        """Whether a world with these is more than what honest simulators differ by."""
+        """Return whether a world with these is more than what honest simulators differ by."""
         return signs.measure_over(self.thresholds) > 1.0
 
     def judge_gap(self, signs: Signs) -> float:
-        """Probability that something is hidden in a world with these: the share of worlds on its side of the lines.
+        """Compute the chance that a world with these hides something: the share of worlds on its side of the lines.
 
         As many hide something as not.
         """
@@ -124,7 +124,7 @@ class Rehearsal:
         return (sum(one.group != NOTHING for one in same) + 0.5) / (len(same) + 1.0)
 
     def describe_families(self) -> list[FamilyTold]:
-        """Of each family that was hidden, how often it raised an alarm and got which name; of no family, at the end."""
+        """Tell of each family that was hidden how often it raised an alarm and got which name; of none, at the end."""
         hidden = [one for one in self.worlds if one.group != NOTHING and not one.second]
         families, found = sorted({one.family for one in hidden}, key=lambda family: (not family, family)), []
         sizes = self._find_seen_sizes(hidden, families)
@@ -147,7 +147,7 @@ class Rehearsal:
         return found
 
     def _find_seen_sizes(self, hidden: Sequence[Rehearsed], families: Sequence[str]) -> dict[str, float | None]:
-        """Size from which on nine in ten of a family raise an alarm, by family; None: not even of the largest.
+        """Find the size from which nine in ten of a family raise an alarm, by family; None: not even of the largest.
 
         Odds grow alike with the size in all families, from a constant of each: few worlds of one borrow of the others.
         """
@@ -159,13 +159,13 @@ class Rehearsal:
         return {family: _find_size(odds, own[family]) for family in families}
 
     def _find_name(self, one: Rehearsed) -> str:
-        """The family that an alarm is given; empty for *unknown*."""
+        """Tell the family that an alarm is given; empty for *unknown*."""
         if one.named is None or self.name.judge(np.array(one.named.description)) <= EVEN:
             return ""
         return CATALOGUE[one.named.name].family
 
     def find_seen_size(self) -> float | None:
-        """Size from which on nine in ten causes raise an alarm, of the force; None: not even of the largest.
+        """Find the size from which on nine in ten causes raise an alarm, of the force; None: not of the largest.
 
         Causes are as probable of any size on a logarithmic scale; a cause is seen with odds that grow with its size.
         """
@@ -177,7 +177,7 @@ class Rehearsal:
         return _find_size(odds)
 
     def describe_seen_size(self, force_n: float | None = None) -> str:
-        """From what size on causes are seen, or that large ones are not, in words. force_n: of the grasps, if known."""
+        """Tell from what size causes are seen, or that large ones are not, in words. force_n: of grasps, if known."""
         hidden = [one for one in self.worlds if one.group != NOTHING]
         size, made = self.find_seen_size(), f"{len(self.worlds)} made-up worlds of these tools and objects"
         if len(hidden) < FEWEST_HIDDEN:
@@ -197,7 +197,7 @@ class Rehearsal:
 
 
 def _find_size(odds: Odds, features: np.ndarray = np.zeros(0)) -> float | None:  # noqa: B008 - never changed
-    """Size from which on nine in ten are seen; None: not even of the largest. features: of odds, besides the size."""
+    """Find the size from which nine in ten are seen; None: not of the largest. features: of odds, besides the size."""
     sizes = np.geomspace(LARGEST, SMALLEST, _N_SIZES)
     seen = np.cumsum([odds.judge(np.append(row, features)) for row in _scale_sizes(sizes)]) / np.arange(1, _N_SIZES + 1)
     passed = np.flatnonzero(seen < SEEN)
@@ -206,7 +206,7 @@ def _find_size(odds: Odds, features: np.ndarray = np.zeros(0)) -> float | None: 
 
 
 def _scale_sizes(sizes: np.ndarray) -> np.ndarray:
-    """Sizes (n) as features (n x 1) of about unit size."""
+    """Scale sizes (n) to features (n x 1) of about unit size."""
     return np.log(np.maximum(sizes, 1e-3) / np.sqrt(SMALLEST * LARGEST))[:, None]
 
 
@@ -226,7 +226,7 @@ def rehearse_panel(
     n_workers: int = 1,
     progress: Callable[[str], None] | None = None,
 ) -> Rehearsal:
-    """The rehearsal of the panel of a search, n worlds; effects: of its simulator.
+    """Rehearse the panel of a search in n worlds; effects: of its simulator.
 
     Raises:
         FastError: a process died.
@@ -237,7 +237,7 @@ def rehearse_panel(
 
 
 def rehearse(panel: Panel, n: int, n_workers: int = 1, progress: Callable[[str], None] | None = None) -> Rehearsal:
-    """The rehearsal of n worlds of a panel; the same for a seed, however many processes make them.
+    """Rehearse n worlds of a panel; the same for a seed, however many processes make them.
 
     Raises:
         FastError: a process died.
@@ -246,7 +246,7 @@ def rehearse(panel: Panel, n: int, n_workers: int = 1, progress: Callable[[str],
 
 
 def rehearse_world(panel: Panel, number: int) -> Rehearsed:
-    """The world of a number, and what the likelihood says of it. Runs in a worker process."""
+    """Make the world of a number and tell what the likelihood says of it. Runs in a worker process."""
     names = list(panel.families)
     world = make_world(panel.problem, names, np.random.default_rng([panel.seed, number]), number)
     fit = fit_evidence(panel.problem.measured(world.steps_n, world.facts))
@@ -276,7 +276,7 @@ def _name(trials: Trials, families: Mapping[str, str], world: World) -> Named | 
 
 
 def _find_family(families: Mapping[str, str], world: World) -> str:
-    """The family of what a world hides; empty if the catalogue has none."""
+    """Find the family of what a world hides; empty if the catalogue has none."""
     cause = find_effect(DRIFTS[world.cause], "batch") if world.cause in DRIFTS else world.cause
     return families.get(cause, "")
 
@@ -288,7 +288,7 @@ def _find_threshold(worlds: Sequence[Rehearsed], name: str) -> float:
 
 
 def _learn_names(listed: Sequence[Named], others: Sequence[Named]) -> Odds:
-    """Odds of a name if a cause is as probably of the catalogue as not: what a lab's is, nobody knows before."""
+    """Learn odds of a name if a cause is as probably of the catalogue as not: what a lab's is, nobody knows before."""
     if not listed or not others:
         return Odds((0.0,) * (1 + N_DESCRIBED))
     seen = [*listed, *others]

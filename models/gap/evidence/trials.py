@@ -55,7 +55,7 @@ class Signs:
         return self.sure_nats if pattern.is_sure else self.nats
 
     def measure_over(self, thresholds: "Signs") -> float:
-        """How many times over its line the one is that is most over it."""
+        """Return how many times over its line the one is that is most over it."""
         return max(getattr(self, one.name) / getattr(thresholds, one.name) for one in fields(self))
 
 
@@ -85,7 +85,7 @@ class Trial:
 
     @staticmethod
     def of(fit: EvidenceFit, candidate: Candidate, family: str) -> "Trial":
-        """A candidate in the simulator of a fit, over which its evidence is: the best of where it may start.
+        """Put a candidate into the simulator of a fit, over which its evidence is: the best of where it may start.
 
         A start with a stiffer finger counts if the finger stays stiffer; else its law alone cancels the effect.
         """
@@ -142,7 +142,7 @@ class Trials:
 
     @staticmethod
     def of(fit: EvidenceFit, weighed: Sequence[Candidate], families: Mapping[str, str]) -> "Trials":
-        """The effects with most evidence on trial. families: of every effect that may be named."""
+        """Put the effects with most evidence on trial. families: of every effect that may be named."""
         found = [Trial.of(fit, one, families[one.name]) for one in _choose(weighed, families)]
         found.sort(key=lambda trial: -trial.nats)
         tried, refused = (tuple(one for one in found if one.is_refused == is_refused) for is_refused in (False, True))
@@ -157,7 +157,7 @@ class Trials:
         return Signs(self.weighed[0].nats, self.fit.omnibus, full_nats, spread_nats, sure_nats)
 
     def look_after_best(self, families: Mapping[str, str]) -> "Trials":
-        """The same with what the best trial leaves for patterns, drifts, and effects of other families."""
+        """Add what the best trial leaves for patterns, drifts, and effects of other families."""
         if not self.tried or self.tried[0].left:
             return self
         best = self.tried[0]
@@ -166,7 +166,7 @@ class Trials:
         return replace(self, tried=(looked, *self.tried[1:]))
 
     def _try_beside(self, best: Trial, families: Mapping[str, str]) -> Trial | None:
-        """The effect that the best leaves most for, beside it; None if that explains nothing, or is refused."""
+        """Try beside the best the effect that it leaves most for; None if that explains nothing, or is refused."""
         one = next((one for one in best.left if one.value is not None), None)
         if one is None or one.nats < NEEDED_NATS:
             return None
@@ -175,7 +175,7 @@ class Trials:
         return None if second.is_refused else replace(second, left=self._list_left(second.fit, families, known))
 
     def _list_left(self, fit: EvidenceFit, families: Mapping[str, str], known: Sequence[str]) -> tuple[Candidate, ...]:
-        """What there is evidence for besides the families `known`, whose effects the fit has; the most first."""
+        """List what there is evidence for besides the families `known`, whose effects the fit has; most first."""
         seen = [one.name for one in self.weighed if one.kind == "effect"]
         others = [name for name in seen if families.get(name) not in (None, *known, *self.missing)][:_N_BESIDES]
         drifts = weigh_drifts(fit)
@@ -188,16 +188,16 @@ class Trials:
         return tuple(sorted(left, key=lambda one: -one.nats))
 
     def find(self, effect: str) -> Trial:
-        """The trial of an effect that was tried."""
+        """Find the trial of an effect that was tried."""
         return next(one for one in self.tried if one.effect == effect)
 
     def without(self, family: str) -> "Trials":
-        """What would have been tried had the catalogue no such family."""
+        """Return what would have been tried had the catalogue no such family."""
         tried, refused = (tuple(one for one in own if one.family != family) for own in (self.tried, self.refused))
         return replace(self, tried=tried, refused=refused, missing=(*self.missing, family))
 
     def describe(self) -> np.ndarray:
-        """What tells a right name from a wrong one, `N_DESCRIBED` logarithms.
+        """Describe what tells a right name from a wrong one, `N_DESCRIBED` logarithms.
 
         The evidence of the best effect, as far as more of it says more; the mean share of it that is left for a
         pattern, a quantity, and another effect; the evidence of the best effect of another family, or of one that is
@@ -222,7 +222,7 @@ class Trials:
 
 
 def _choose(weighed: Sequence[Candidate], families: Mapping[str, str]) -> list[Candidate]:
-    """Of the best families the best effects; weighed: the most evidence first."""
+    """Choose the best effects of the best families; weighed: the most evidence first."""
     chosen: dict[str, list[Candidate]] = {}
     for one in weighed:
         family = families.get(one.name)

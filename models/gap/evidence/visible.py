@@ -49,7 +49,7 @@ class VisibleSize:
 def find_visible_sizes(
     fit: EvidenceFit, names: Sequence[str], thresholds: Signs, like: Sequence[VisibleSize] = ()
 ) -> tuple[VisibleSize, ...]:
-    """The size of each effect from which on nine in ten would pass a line of evidence, in the order of the names.
+    """Find the size of each effect from which nine in ten would pass a line of evidence, in the order of the names.
 
     A change of d standard deviations, free of what theta, prints and variants can make of it, has an evidence of about
     (d + z)^2 / 2 with z standard normal, of which its largest cell has its share. It is taken to be in proportion to
@@ -79,7 +79,7 @@ def find_visible_sizes(
 
 
 def find_measured_size(fit: EvidenceFit, thresholds: Signs, size: VisibleSize) -> VisibleSize | None:
-    """The size that would be seen if a person measured what the catalogue names of the effect; None: it names nothing.
+    """Find the size seen if a person measured what the catalogue names of the effect; None: it names nothing.
 
     A reading has the evidence of a fact. It helps no single cell more than others.
     """
@@ -105,7 +105,7 @@ def find_measured_size(fit: EvidenceFit, thresholds: Signs, size: VisibleSize) -
 
 
 def describe_panel(rehearsal: Rehearsal, sizes: Sequence[VisibleSize]) -> PanelTold:
-    """What a panel can tell, as it is kept: lines, what became of made-up worlds, and sizes."""
+    """Tell what a panel can tell, as it is kept: lines, what became of made-up worlds, and sizes."""
     return PanelTold(
         lines=asdict(rehearsal.thresholds),
         families=tuple(rehearsal.describe_families()),
@@ -114,19 +114,19 @@ def describe_panel(rehearsal: Rehearsal, sizes: Sequence[VisibleSize]) -> PanelT
 
 
 def _find_largest_share(fit: EvidenceFit, white: np.ndarray) -> np.ndarray:
-    """Share of k changes (k x d) that is in the cell that changes most, k."""
+    """Find the share of k changes (k x d) that is in the cell that changes most, k."""
     squares = white[:, : fit.force_n.size] ** 2
     of_cells = squares.reshape(len(white), len(fit.force_n), -1).sum(axis=2)
     return np.asarray(of_cells.max(axis=1) / np.maximum((white**2).sum(axis=1), 1e-12))
 
 
 def _find_shapes(effect: str) -> set[str]:
-    """Parameters that only shape an effect: all but the first that have a usual value where there is no effect."""
+    """Find parameters that only shape an effect: all but the first with a usual value where there is no effect."""
     return {spec.name for spec in CATALOGUE[effect].parameters[1:] if spec.neutral == spec.prior_median}
 
 
 def _is_alike(one: EffectValue, other: EffectValue) -> bool:
-    """Whether two values of an effect have the same signs and shapes, whatever their size."""
+    """Return whether two values of an effect have the same signs and shapes, whatever their size."""
     shapes = _find_shapes(one.effect)
     for spec in CATALOGUE[one.effect].parameters:
         first, second = (value.parameters.get(spec.name, spec.neutral) for value in (one, other))

@@ -57,7 +57,7 @@ class World:
 
 
 def make_world(problem: Problem, names: Sequence[str], rng: np.random.Generator, number: int) -> World:
-    """The world of a number: nothing in every other; an effect and a cause of no catalogue in turn."""
+    """Make the world of a number: nothing in every other; an effect and a cause of no catalogue in turn."""
     theta = _draw_theta(problem, rng)
     base_n = problem.predict_steps(theta, problem.effects)
     group = (NOTHING, LISTED, NOTHING, UNLISTED)[number % 4]
@@ -88,7 +88,7 @@ def _draw_size(rng: np.random.Generator) -> float:
 
 
 def _measure_visible(problem: Problem, theta: np.ndarray, base_n: np.ndarray, change_n: np.ndarray) -> float:
-    """Size of a change (n x 120) of forces (n x 120) that is left when theta and moduli of prints are fitted to it."""
+    """Measure the size of a change (n x 120) of forces (n x 120) left when theta and print moduli are fitted to it."""
     grasps, cell = problem.reading.grasps, problem.reading.cell
     weight = 1.0 / np.hypot(_LEAST_ERROR * np.abs(base_n).max(axis=1, keepdims=True), TARE_SD_N)
     bare_n, slopes = problem.predict_cells(theta, problem.effects), []
@@ -113,7 +113,7 @@ def _draw_theta(problem: Problem, rng: np.random.Generator) -> np.ndarray:
 
 
 def _measure(problem: Problem, true_n: np.ndarray, base_n: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """What a lab would measure of true forces (n x 120), by a solver that is not the simulator."""
+    """Return what a lab would measure of true forces (n x 120), by a solver that is not the simulator."""
     reading, errors = problem.reading, problem.errors
     cells_n = base_n[reading.rows]
     grows = errors.grow(cells_n @ OF_BINS.T)[:, None]
@@ -144,7 +144,7 @@ def _measure(problem: Problem, true_n: np.ndarray, base_n: np.ndarray, rng: np.r
 
 
 def _draw_smooth(rng: np.random.Generator, n: int) -> np.ndarray:
-    """Smooth functions of the lift, n x 120, of unit variance at the knots."""
+    """Draw smooth functions of the lift, n x 120, of unit variance at the knots."""
     knots = rng.standard_normal((n, len(KNOTS_MM)))
     return np.array([np.interp(_LIFT_MM, KNOTS_MM, row) for row in knots])
 
@@ -152,7 +152,7 @@ def _draw_smooth(rng: np.random.Generator, n: int) -> np.ndarray:
 def _draw_effect(
     problem: Problem, theta: np.ndarray, base_n: np.ndarray, name: str, size: float, rng: np.random.Generator
 ) -> EffectValue:
-    """An effect at an amplitude at which it changes about `size` of the force, or as near as it plausibly comes."""
+    """Draw an effect at an amplitude where it changes about `size` of the force, or as near as it plausibly comes."""
     values = list_secants(name)
     value = values[int(rng.integers(len(values)))]
     scale, change_n = 1.0, np.zeros_like(base_n)
@@ -163,7 +163,7 @@ def _draw_effect(
 
 
 def _draw_law(problem: Problem, rng: np.random.Generator) -> np.ndarray:
-    """By what factor another law of an effect changes more, n x 120."""
+    """Draw by what factor another law of an effect changes more, n x 120."""
     reading = problem.reading
     along = _draw_smooth(rng, 1)
     tools, objects = (
@@ -200,11 +200,11 @@ class _Draw:
         return np.asarray(np.sqrt((self.base_n**2).mean(axis=1))[:, None])
 
     def draw_smooth(self) -> np.ndarray:
-        """The same smooth function of the lift in every grasp, 1 x 120."""
+        """Draw the same smooth function of the lift in every grasp, 1 x 120."""
         return _draw_smooth(self.rng, 1)
 
     def draw_each(self, group: np.ndarray) -> np.ndarray:
-        """A number for each group, that varies little over the lift, n x 120; group: n, of each grasp."""
+        """Draw a number for each group, that varies little over the lift, n x 120; group: n, of each grasp."""
         n = int(group.max()) + 1
         return np.asarray((self.rng.standard_normal((n, 1)) + 0.4 * _draw_smooth(self.rng, n))[group])
 
@@ -220,7 +220,7 @@ class _Draw:
 
 
 def _delay_objects(draw: _Draw) -> np.ndarray:
-    """A force that comes late on all objects, on each by another amount: as if they were larger than drawn."""
+    """Make a force come late on all objects, on each by another amount: as if they were larger than drawn."""
     own = draw.rng.uniform(0.2, 1.0)
     late = np.sqrt(1.0 - own**2) + own * draw.rng.standard_normal(len(draw.problem.reading.grasps.objects))
     return np.asarray(-np.gradient(draw.base_n, STEP_MM, axis=1) * late[draw.obj][:, None])

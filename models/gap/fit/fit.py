@@ -27,11 +27,11 @@ class Axis:
     sd: float
 
     def inner(self, value: float) -> float:
-        """The coordinate of a value; about one unit is what it may plausibly vary by."""
+        """Return the coordinate of a value; about one unit is what it may plausibly vary by."""
         return (self._transform(value) - self.middle) / self.sd
 
     def value(self, inner: float) -> float:
-        """The value of a coordinate, within the bounds."""
+        """Return the value of a coordinate, within the bounds."""
         at = self.middle + self.sd * inner
         if self.kind == "log":
             at = float(np.exp(at))
@@ -52,7 +52,7 @@ class Axis:
 
 
 def axes_of(effect: str) -> list[Axis]:
-    """Axes of an effect's parameters: shapes are logarithmic, a limit that is neutral at infinity is inverse."""
+    """List the axes of an effect's parameters: shapes logarithmic, a limit that is neutral at infinity inverse."""
     axes = []
     for place, p in enumerate(CATALOGUE[effect].parameters):
         if p.is_limit:
@@ -137,7 +137,7 @@ class Fit:
         return sum(len(CATALOGUE[value.effect].parameters) for value in self.effects)
 
     def add_columns(self, columns: np.ndarray, sd: float) -> "Fit":
-        """The fit with more columns (k x m x f), whose coefficients have the prior N(0, sd^2).
+        """Add more columns (k x m x f) to the fit, whose coefficients have the prior N(0, sd^2).
 
         They come before those of the effects' parameters, which stay the last. Nothing is fitted again.
         """
@@ -154,7 +154,7 @@ class Fit:
         )
 
     def predict_features(self, effects: Sequence[EffectValue] | None = None) -> np.ndarray:
-        """Features at the fit, with these effects instead of its own, m x f, not whitened."""
+        """Predict features at the fit, with these effects instead of its own, m x f, not whitened."""
         return self.features.surrogate.predict_features(
             self.theta, self.effects if effects is None else effects, self.tool_factor
         )

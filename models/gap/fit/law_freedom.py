@@ -53,7 +53,7 @@ class LawFreedom:
 
     @staticmethod
     def of(fit: Fit, effect: str) -> "LawFreedom | None":
-        """The freedom of an effect at a fit; None if it has no law, or changes nothing here."""
+        """Return the freedom of an effect at a fit; None if it has no law, or changes nothing here."""
         state = CATALOGUE[effect].state
         if state is None:
             return None
@@ -68,18 +68,18 @@ class LawFreedom:
         return LawFreedom(effect, state, change, at, seen, knots, np.linalg.cholesky(covariance))
 
     def basis(self, at: np.ndarray) -> np.ndarray:
-        """What each weight adds to h at places (any shape), k x ...; constant beyond the knots."""
+        """Compute what each weight adds to h at places (any shape), k x ...; constant beyond the knots."""
         inside = np.clip(at, self.knots[0], self.knots[-1])
         flat = _kernel(self.knots, inside.ravel(), np.ptp(self.knots))
         return np.asarray(np.linalg.solve(self.root, flat)).reshape(len(self.knots), *at.shape)
 
     def columns(self, fit: Fit) -> np.ndarray:
-        """Columns of a fit (k x m x f, whitened and weighted)."""
+        """Return the columns of a fit (k x m x f, whitened and weighted)."""
         return np.asarray(fit.features.whiten(self.basis(self.at) * self.change) * fit.weight)
 
 
 def free_law(fit: Fit, effect: str, *, is_apart: bool = False) -> Fit:
-    """The fit with the freedom of the law of one of its effects as further columns; the same if it has no law.
+    """Free the law of one of a fit's effects: its freedom as further columns; the same fit if it has no law.
 
     is_apart: without what the effect's own parameters can do (Plumlee 2017), so that these are of the catalogue's law
     that fits best; else a law that is free to shrink or grow leaves their size to the prior. Nothing is fitted again:
@@ -97,13 +97,13 @@ def free_law(fit: Fit, effect: str, *, is_apart: bool = False) -> Fit:
 
 
 def solve_step(fit: Fit) -> np.ndarray:
-    """How far each coordinate of a fit (c) is from the best, to first order; 0 for one without further columns."""
+    """Compute how far each coordinate of a fit (c) is from the best, to first order; 0 if no further columns."""
     flat = fit.columns.reshape(len(fit.columns), -1)
     return np.asarray(fit.covariance @ (flat @ fit.residual.ravel() - fit.pull))
 
 
 def estimate_freed_parameters(fit: Fit, effect: str) -> dict[str, ParameterEstimate]:
-    """Values of the parameters of an effect of a fit, and their 90 % intervals when its law is free.
+    """Estimate values of the parameters of an effect of a fit, and their 90 % intervals when its law is free.
 
     The values are those of the catalogue's law that fits best, since that is what a simulator gets.
     """
@@ -117,7 +117,7 @@ def estimate_freed_parameters(fit: Fit, effect: str) -> dict[str, ParameterEstim
 
 
 def compute_law_curve(fit: Fit, effect: str) -> LawCurve | None:
-    """The law of an effect of a fit as the data have it, with its 90 % band, over the states that occur.
+    """Compute the law of an effect of a fit as the data have it, with its 90 % band, over the states that occur.
 
     The curve is linear in parameters and h, as the freed fit is, so its posterior is normal: as wide as deflated data,
     and what other solvers are worth (`Fit.worth`), make it. Where the law is of a known quantity, its distance from no
@@ -158,7 +158,7 @@ def _kernel(first: np.ndarray, second: np.ndarray, extent: float) -> np.ndarray:
 
 
 def _list_axes(fit: Fit, effect: str) -> Sequence[tuple[Axis, float, int]]:
-    """Axes of an effect's parameters, their values, and their columns in the fit."""
+    """List the axes of an effect's parameters, their values, and their columns in the fit."""
     place, found = len(fit.columns) - fit.n_effect_columns, []
     for value in fit.effects:
         for axis in axes_of(value.effect):
@@ -169,7 +169,7 @@ def _list_axes(fit: Fit, effect: str) -> Sequence[tuple[Axis, float, int]]:
 
 
 def _linearise_law(fit: Fit, effect: str, states: np.ndarray, neutral: float) -> np.ndarray:
-    """The catalogue's law at states (k), less no effect; and its slope by each parameter's coordinate, 1 + p x k.
+    """Compute the catalogue's law at k states, less no effect, and its slope by each parameter's coordinate, 1 + p x k.
 
     A law that has a speed in it is that of the base setup.
     """
@@ -186,7 +186,7 @@ def _linearise_law(fit: Fit, effect: str, states: np.ndarray, neutral: float) ->
 
 
 def _average_changes(fit: Fit, freedom: LawFreedom, places: np.ndarray) -> np.ndarray:
-    """The change of the force over the largest of the grasp round k places of the state, and its slopes, 1 + p x k."""
+    """Average the change of force over the grasp's largest round k places of the state, and its slopes, 1 + p x k."""
     own = [place for _, _, place in _list_axes(fit, freedom.effect)]
     slopes = fit.features.unwhiten(fit.columns[own] / fit.weight)
     share = np.concatenate([freedom.change[None], slopes]) / fit.features.amplitude
@@ -196,7 +196,7 @@ def _average_changes(fit: Fit, freedom: LawFreedom, places: np.ndarray) -> np.nd
 
 
 def read_state(fit: Fit, state: State) -> np.ndarray:
-    """The state at every feature of every grasp of a fit, m x f."""
+    """Read the state at every feature of every grasp of a fit, m x f."""
     if not callable(state.read):
         along = {"lift": _read_lift, "held": _read_lift_time, "force": _read_force, "level": _read_level}
         return along[state.read](fit)
@@ -214,20 +214,20 @@ def _read_lift(fit: Fit) -> np.ndarray:
 
 
 def _read_lift_time(fit: Fit) -> np.ndarray:
-    """Time of a feature since the end of closing, s."""
+    """Read the time of a feature since the end of closing, s."""
     grasps = fit.features.surrogate.grasps
     dwell_s = np.array([setup.dwell_s for setup in grasps.setups])[grasps.setup]
     return np.asarray(_read_lift(fit) / grasps.lift_speed_mm_per_s[:, None] + dwell_s[:, None])
 
 
 def _read_level(fit: Fit) -> np.ndarray:
-    """Root mean square force of a grasp over the bins of its lift, N."""
+    """Compute the root mean square force of a grasp over the bins of its lift, N."""
     level_n = np.sqrt((fit.modelled[:, :N_BINS] ** 2).mean(axis=1))
     return np.repeat(level_n[:, None], len(FEATURES), axis=1)
 
 
 def _read_force(fit: Fit) -> np.ndarray:
-    """Size of the force where a feature is taken, N; of lengths and areas that of the peak."""
+    """Read the size of the force where a feature is taken, N; of lengths and areas that of the peak."""
     force_n = np.abs(fit.modelled)
     force_n[:, [_LIFT_AT_PEAK, _TAIL]] = force_n[:, [_PEAK]]
     return force_n

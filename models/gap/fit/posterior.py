@@ -76,7 +76,7 @@ class PosteriorDensity:
         return value, (np.linalg.solve(self.spread.T, by_w) + by_v) * slope + 1.0 - 2.0 * share
 
     def log_likelihood(self, v: np.ndarray) -> float:
-        """The surface's log likelihood at v (k), without its constant."""
+        """Return the surface's log likelihood at v (k), without its constant."""
         terms = _terms(np.linalg.solve(self.spread, v - self.middle))
         return -0.5 * float(terms @ self.gram @ terms)
 
@@ -86,16 +86,16 @@ class PosteriorDensity:
         return self.outside(self.middle)
 
     def inside(self, u: np.ndarray) -> np.ndarray:
-        """The v of unbounded coordinates, ... x k."""
+        """Return the v of unbounded coordinates, ... x k."""
         return np.asarray(self.lower + (self.upper - self.lower) * expit(u))
 
     def outside(self, v: np.ndarray) -> np.ndarray:
-        """Unbounded coordinates of v, ... x k; at a bound, those of a hundredth of the range from it."""
+        """Return unbounded coordinates of v, ... x k; at a bound, those of a hundredth of the range from it."""
         share = np.clip((v - self.lower) / (self.upper - self.lower), 0.01, 0.99)
         return np.asarray(np.log(share) - np.log1p(-share))
 
     def values(self, v: np.ndarray) -> np.ndarray:
-        """Theta and parameters in their units, ... x k."""
+        """Return theta and parameters in their units, ... x k."""
         flat = v.reshape(-1, v.shape[-1])
         columns = [np.exp(flat[:, 0]), flat[:, 1], flat[:, 2]]
         for place, axis in enumerate(self.axes):
@@ -103,7 +103,7 @@ class PosteriorDensity:
         return np.stack(columns, axis=-1).reshape(v.shape)
 
     def _log_prior(self, v: np.ndarray) -> tuple[float, np.ndarray]:
-        """Priors of Table 3 and of the catalogue (normal within bounds), as densities of v, and their slopes."""
+        """Compute priors of Table 3 and the catalogue (normal within bounds), as densities of v, and their slopes."""
         priors, slopes = self.priors, np.zeros(len(v))
         far = (v[0] - np.log(priors.young_modulus_median_mpa)) / priors.young_modulus_log_sd
         value = -0.5 * far**2 + (priors.friction_shape - 1.0) * np.log(v[1]) - priors.friction_rate * v[1]
@@ -133,7 +133,7 @@ def _log_prior_of(axis: Axis, inner: float) -> tuple[float, float]:
 def sample_posterior(
     fit: Fit, settings: CalibrationSettings, progress: Callable[[str], None] | None = None
 ) -> CalibrationResult:
-    """Draws of theta and of `<effect>.<parameter>` of every effect of a fit, by NUTS from the priors of the catalogue.
+    """Draw theta and `<effect>.<parameter>` of every effect of a fit, by NUTS from the priors of the catalogue.
 
     `fit`: of `models.gap.fit.recalibrate.recalibrate`, with the effects, or without any for theta alone. Theta is the
     simulator's: what numerical variants change is integrated out, but that is not all that a bench differs by
@@ -169,7 +169,7 @@ def sample_posterior(
 
 
 def effects_at(names: Sequence[str], medians: Sequence[float]) -> tuple[EffectValue, ...]:
-    """Effects from parameters that are named `<effect>.<parameter>`, in the order of their first parameters."""
+    """Make effects from parameters named `<effect>.<parameter>`, in the order of their first parameters."""
     found: dict[str, dict[str, float]] = {}
     for name, median in zip(names, medians, strict=True):
         effect, dot, parameter = name.partition(".")
@@ -196,7 +196,7 @@ class LikelihoodSurface:
 
     @staticmethod
     def around(fit: Fit, priors: ThetaPriors) -> "LikelihoodSurface":
-        """The surface of a fit; residuals that weigh little in the fit do as they do there."""
+        """Make the surface of a fit; residuals that weigh little in the fit do as they do there."""
         for value in fit.effects:
             fit = free_law(fit, value.effect, is_apart=True)
         # A numerical error at its bound is known no better for that.
@@ -232,17 +232,17 @@ class LikelihoodSurface:
         return surface
 
     def rows(self, v: np.ndarray) -> np.ndarray:
-        """Weighted residual at v with tools and variants as fitted, with what those take up added back, (m f)."""
+        """Return the weighted residual at v, tools and variants as fitted, what those take up added back, (m f)."""
         fitted = np.concatenate([self.fit.tool_log, self.fit.numerical])
         nuisance = np.pad(fitted, (0, len(self.nuisance) - len(fitted)))  # laws are the catalogue's at the fit
         return np.asarray((_residual(self.fit, self.density.axes, v) * self.weight).ravel() + nuisance @ self.nuisance)
 
     def project(self, rows: np.ndarray) -> np.ndarray:
-        """Rows ((m f) x ...) times the precision of what tools and variants leave of them."""
+        """Multiply rows ((m f) x ...) by the precision of what tools and variants leave of them."""
         return np.asarray(rows - self.nuisance.T @ (self.inverse @ (self.nuisance @ rows)))
 
     def spread_by_solvers(self, v: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Draws of v (... x k) with what other solvers are worth in the effects, as wide as few tools ask."""
+        """Spread draws of v (... x k) by what other solvers are worth in the effects, as wide as few tools ask."""
         worth = self.fit.worth[len(self.fit.columns) - self.fit.n_effect_columns :]
         moved = v.copy()
         for place, axis in enumerate(self.density.axes, start=_N_THETA):
@@ -260,7 +260,7 @@ class LikelihoodSurface:
         return np.clip(upper - np.abs(upper - (lower + np.abs(moved - lower))), lower, upper)
 
     def error_nats(self, points: np.ndarray) -> float:
-        """Standard deviation of the surface's error in the log likelihood, over points (n x k)."""
+        """Compute the standard deviation of the surface's log likelihood error, over points (n x k)."""
         exact = []
         for v in points:
             rows = self.rows(v)
@@ -268,7 +268,7 @@ class LikelihoodSurface:
         return float(np.std(exact))
 
     def move(self, v: np.ndarray, covariance: np.ndarray) -> "LikelihoodSurface":
-        """The surface with its polynomial, over an ellipsoid about v that fits within the bounds."""
+        """Move the surface with its polynomial to an ellipsoid about v that fits within the bounds."""
         lower, upper = self.density.lower, self.density.upper
         reach = _REACH_SD * np.sqrt(np.diag(covariance))
         shrink = np.minimum(1.0, 0.45 * (upper - lower) / reach)
@@ -297,7 +297,7 @@ def _limits(fit: Fit, axes: Sequence[Axis], priors: ThetaPriors) -> tuple[np.nda
 
 
 def _residual(fit: Fit, axes: Sequence[Axis], v: np.ndarray) -> np.ndarray:
-    """Whitened residual (m x f) at v, with tools and numerical errors of the fit."""
+    """Compute the whitened residual (m x f) at v, with tools and numerical errors of the fit."""
     values: dict[str, dict[str, float]] = {value.effect: {} for value in fit.effects}
     for place, axis in enumerate(axes, start=_N_THETA):
         values[axis.effect][axis.name] = axis.value(float(v[place]))
@@ -312,12 +312,12 @@ def _residual(fit: Fit, axes: Sequence[Axis], v: np.ndarray) -> np.ndarray:
 
 
 def _terms(w: np.ndarray) -> np.ndarray:
-    """1, w and the products w_i w_j with i <= j."""
+    """Return 1, w and the products w_i w_j with i <= j."""
     return np.concatenate([[1.0], w, np.outer(w, w)[np.triu_indices(len(w))]])
 
 
 def _term_slopes(w: np.ndarray) -> np.ndarray:
-    """Slopes of `_terms` by w, k x q."""
+    """Compute the slopes of `_terms` by w, k x q."""
     k = len(w)
     i, j = np.triu_indices(k)
     products = np.zeros((k, len(i)))
@@ -328,7 +328,7 @@ def _term_slopes(w: np.ndarray) -> np.ndarray:
 
 
 def _points(k: int) -> np.ndarray:
-    """Points that determine a quadratic polynomial: the middle, both ends of each axis, and one in each plane."""
+    """List points that determine a quadratic polynomial: the middle, both ends of each axis, one in each plane."""
     axes = _REACH_SD * np.eye(k)
     planes = [(axes[i] + axes[j]) / np.sqrt(2.0) for i, j in combinations(range(k), 2)]
     return np.array([np.zeros(k), *axes, *-axes, *planes])

@@ -52,7 +52,7 @@ def recalibrate(surrogate: Surrogate, effects: Sequence[EffectValue] = ()) -> Fi
 
 
 def estimate_theta(surrogate: Surrogate, effects: Sequence[EffectValue] = ()) -> np.ndarray:
-    """Least squares of step means over a lattice of friction and Poisson ratio, with the best modulus at each (3)."""
+    """Fit step means by least squares over a lattice of friction and Poisson ratio, the best modulus at each (3)."""
     lower, upper = surrogate.surfaces.lower, surrogate.surfaces.upper
     lattice = [
         _fit_modulus(surrogate, effects, friction, ratio)
@@ -116,7 +116,7 @@ class Fitter:
         )
 
     def fit(self, n_steps: int = _STEPS) -> Fit:
-        """The fit; Gauss-Newton until a step changes no coordinate by much against its standard deviation."""
+        """Fit by Gauss-Newton until a step changes no coordinate by much against its standard deviation."""
         point, residual = self.start, self._residual(self.start)
         loss = self._loss(point, residual)
         columns = self._columns(point)
@@ -149,7 +149,7 @@ class Fitter:
     def _search_along(
         self, point: _Point, residual: np.ndarray, loss: float, step: np.ndarray
     ) -> tuple[_Point, np.ndarray, float, bool]:
-        """The first of ever shorter steps that lowers the loss, and whether there is one."""
+        """Find the first of ever shorter steps that lowers the loss, and whether there is one."""
         for halving in range(_HALVINGS):
             tried = self._clip(replace(point, vector=point.vector + 0.5**halving * step))
             after = self._residual(tried)
@@ -170,7 +170,7 @@ class Fitter:
         return step, np.sqrt(np.diag(inverse))
 
     def _held(self, point: _Point) -> np.ndarray:
-        """Precisions; the shift of all traces is held at the most that it may be."""
+        """Return precisions; the shift of all traces is held at the most that it may be."""
         precision = self.precision.copy()
         if abs(point.vector[self._shift]) > _NEAR:
             precision[self._shift] = HELD
@@ -189,7 +189,7 @@ class Fitter:
         return np.asarray(self.features.numerical * np.where(IS_LIFT, 1.0, stiffer))
 
     def _columns(self, point: _Point) -> np.ndarray:
-        """Whitened slopes of the prediction by every coordinate."""
+        """Compute whitened slopes of the prediction by every coordinate."""
         base = self._predict(point)
         rows = [(self._predict(self._move(point, i, h)) - base) / h for i, h in enumerate(_STEP)]
         tools = [np.where((self.features.tool == tool)[:, None], rows[0], 0.0) for tool in range(self.n_tools)]
@@ -228,7 +228,7 @@ class Fitter:
 
 
 def _start_at_centre(surrogate: Surrogate, effects: Sequence[EffectValue]) -> np.ndarray:
-    """The bank's friction and Poisson ratio with the best modulus (3): what is plausible, however large the gap."""
+    """Return the bank's friction and Poisson ratio with the best modulus (3): plausible, however large the gap."""
     centre = surrogate.centre
     return _fit_modulus(surrogate, effects, centre.friction, centre.poisson_ratio)[0]
 
@@ -236,7 +236,7 @@ def _start_at_centre(surrogate: Surrogate, effects: Sequence[EffectValue]) -> np
 def _fit_modulus(
     surrogate: Surrogate, effects: Sequence[EffectValue], friction: float, ratio: float
 ) -> tuple[np.ndarray, float]:
-    """Theta with the modulus that fits the step means best, and the squares that are left."""
+    """Fit the modulus to the step means; return theta with the best one, and the squares that are left."""
     measured, modulus_mpa = surrogate.grasps.steps_n, surrogate.centre.young_modulus_mpa
     scale = np.abs(measured).max(axis=1, keepdims=True)
     weight = 1.0 / np.maximum(scale, 0.2 * np.median(scale)) ** 2

@@ -33,7 +33,7 @@ _NEAR_BOUND, _PILE = 0.02, 0.05  # share of the range, and of the draws in it
 
 
 def make_grid_bank(cells: Cells, grid_steps_n: np.ndarray, grid_lead_n: np.ndarray) -> Bank:
-    """The bank for theta alone, from simulations of `ThetaGrid`: its surfaces at the centre, nothing (NaN) of the rest.
+    """Make a bank for theta alone, from `ThetaGrid` simulations: its surfaces at the centre, nothing (NaN) of the rest.
 
     grid_steps_n: t x k x g x 120; grid_lead_n: t x k x g x 12, before the lift; NaN where a simulation failed.
 
@@ -68,7 +68,7 @@ def make_grid_bank(cells: Cells, grid_steps_n: np.ndarray, grid_lead_n: np.ndarr
 def calibrate_theta(
     training: Surrogate, settings: CalibrationSettings, progress: Callable[[str], None] | None = None
 ) -> CalibrationResult:
-    """Posterior of theta of the simulator given training grasps (`GapData.training`); see `of_bench`.
+    """Sample the posterior of the simulator's theta given training grasps (`GapData.training`); see `of_bench`.
 
     Uses priors, chains, draws, tune, target_accept, seed and workers of the settings.
 
@@ -83,7 +83,7 @@ def calibrate_theta(
 
 
 def of_bench(result: CalibrationResult, grid: np.ndarray) -> CalibrationResult:
-    """A result with theta of the simulator as that with theta of the bench: the same diagnostics, wider draws.
+    """Turn theta of the simulator in a result into theta of the bench: the same diagnostics, wider draws.
 
     grid: g x 2, friction and Poisson ratio of the simulations; draws are reflected at the ends of their range there.
     """
@@ -100,7 +100,7 @@ def of_bench(result: CalibrationResult, grid: np.ndarray) -> CalibrationResult:
 
 
 def _limits(grid: np.ndarray, settings: CalibrationSettings) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest friction and Poisson ratio (2, 2), where both the grid and the priors are."""
+    """Return the least and greatest friction and Poisson ratio (2, 2), where both the grid and the priors are."""
     priors = settings.priors
     low = np.maximum(grid.min(axis=0), [0.0, priors.poisson_ratio_lower])
     return low, np.minimum(grid.max(axis=0), [np.inf, priors.poisson_ratio_upper])
@@ -122,7 +122,7 @@ def _check(training: Surrogate, settings: CalibrationSettings) -> None:
 
 
 def _outlier_sentences(fit: Fit) -> list[str]:
-    """Names the pair of a tool and an object that counts for least, if some count for little."""
+    """Name the pair of a tool and an object that counts for least, if some count for little."""
     features = fit.features
     rows, weight = np.flatnonzero(features.is_mean), fit.weight[:, 0] ** 2
     outlying = rows[weight[rows] < _OUTLYING]
@@ -136,7 +136,7 @@ def _outlier_sentences(fit: Fit) -> list[str]:
 
 
 def _range_sentences(training: Surrogate, result: CalibrationResult) -> list[str]:
-    """Where draws pile up at an end of their range."""
+    """Tell where draws pile up at an end of their range."""
     found = []
     for name, low, high in zip(THETA[1:], *_limits(training.bank.grid, result.settings), strict=True):
         share = (result.of(name) - low) / (high - low)

@@ -90,14 +90,14 @@ class WhitenedFeatures:
         return rows
 
     def whiten(self, values: np.ndarray) -> np.ndarray:
-        """Features (... x m x f) in units of their standard deviations, repeats of a cell rotated."""
+        """Return features (... x m x f) in units of their standard deviations, repeats of a cell rotated."""
         rotated = np.zeros_like(values)
         for places in self.cells:
             rotated[..., places, :] = _rotation(places.shape[1]) @ values[..., places, :]
         return np.asarray((self.whiteners @ rotated[..., None])[..., 0])
 
     def unwhiten(self, values: np.ndarray) -> np.ndarray:
-        """Inverse of `whiten`."""
+        """Invert `whiten`."""
         rotated = np.linalg.solve(self.whiteners, values[..., None])[..., 0]
         found = np.zeros_like(values)
         for places in self.cells:
@@ -106,7 +106,7 @@ class WhitenedFeatures:
 
 
 def whiten_features(surrogate: Surrogate, with_lead_n: np.ndarray, stiffer: float) -> WhitenedFeatures:
-    """The features of a surrogate's grasps; errors are judged at what is predicted of the grasps (m x 132).
+    """Whiten the features of a surrogate's grasps; errors are judged at what is predicted of the grasps (m x 132).
 
     with_lead_n: of `Surrogate.predict_with_lead`. stiffer: Young's modulus over the bank's.
     """
@@ -144,21 +144,21 @@ def whiten_features(surrogate: Surrogate, with_lead_n: np.ndarray, stiffer: floa
 
 
 def estimate_repeat_noise(grasps: Grasps, predicted_n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Bias of features (m x f), and covariance by what repeats differ by (m x f x f); predicted_n: m x 120."""
+    """Estimate feature bias (m x f), and covariance by what repeats differ by (m x f x f); predicted_n: m x 120."""
     clean = features_of_steps(predicted_n)
     bias, noise = _noise_by_setup(predicted_n, grasps, np.arange(len(predicted_n)))
     return bias, _repeat_scatter(clean, find_amplitude(clean)) + noise
 
 
 def _repeat_scatter(clean: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
-    """Covariance of features (n x f) of repeats, but for noise of the load cell, n x f x f."""
+    """Compute the covariance of features (n x f) of repeats, but for noise of the load cell, n x f x f."""
     force = np.where(IS_LIFT, 0.0, clean)
     repeats = REPEAT_SD**2 * _outer(force) + TARE_SD_N**2 * _outer(OF_OFFSET)
     return np.asarray(repeats + CONTRAST_SHARE**2 * _outer(amplitude) * np.eye(len(FEATURES)))
 
 
 def _noise_by_setup(predicted_n: np.ndarray, grasps: Grasps, cell: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Bias of features by sensor noise of each grasp (m x f), and its covariance in each cell (c x f x f).
+    """Compute the bias of features by sensor noise of each grasp (m x f), and its covariance in each cell (c x f x f).
 
     A faster lift has fewer readings in a step. Of grasps of a cell at several setups the mean covariance counts.
     """
@@ -175,7 +175,7 @@ def _noise_by_setup(predicted_n: np.ndarray, grasps: Grasps, cell: np.ndarray) -
 
 
 def compute_root_weights(residual: np.ndarray) -> np.ndarray:
-    """Roots of the weights of iterated least squares, m x 1; residual: whitened, m x f."""
+    """Compute roots of the weights of iterated least squares, m x 1; residual: whitened, m x f."""
     return np.sqrt((FREEDOM + residual.shape[1]) / (FREEDOM + _squares(residual)))
 
 
@@ -189,7 +189,7 @@ def apply_robust_loss(residual: np.ndarray) -> np.ndarray:
 def _whiteners(
     inverse: np.ndarray, contrast: np.ndarray, scatter: np.ndarray
 ) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-    """Whitening matrices of rotated rows (m x f x f), and rows of cells with as many repeats (c x r each)."""
+    """Compute whitening matrices of rotated rows (m x f x f), and rows of cells with as many repeats (c x r each)."""
     counts = np.bincount(inverse)
     whiteners = np.zeros((len(inverse), *contrast.shape[1:]))
     of_contrast = np.linalg.inv(np.linalg.cholesky(contrast))
@@ -206,28 +206,28 @@ def _whiteners(
 
 
 def _rotation(n: int) -> np.ndarray:
-    """Orthonormal n x n: the mean times the root of n first, then polynomials of the place."""
+    """Make an orthonormal n x n: the mean times the root of n first, then polynomials of the place."""
     powers = np.vander(np.arange(n) - 0.5 * (n - 1), n, increasing=True)
     q, r = np.linalg.qr(powers)
     return np.asarray((q * np.sign(np.diag(r))).T)
 
 
 def find_amplitude(features: np.ndarray) -> np.ndarray:
-    """What a relative error of 1 is in each feature (n x f): the largest force of the cell, or a length."""
+    """Find what a relative error of 1 is in each feature (n x f): the largest force of the cell, or a length."""
     largest = np.abs(np.where(_IS_AMPLITUDE, features, 0.0)).max(axis=-1, keepdims=True)
     largest = np.maximum(largest, LEAST_AMPLITUDE * np.median(largest))
     return np.where(IS_LIFT, 1.0, largest) * _UNIT
 
 
 def _slopes(steps_n: np.ndarray) -> np.ndarray:
-    """Change of features by a millimetre of lift that starts later, from a hold; ... x f, of step means (... x 120)."""
+    """Compute feature changes by a mm of later lift start, from a hold; ... x f, of step means (... x 120)."""
     later = np.concatenate([steps_n[..., :1], steps_n[..., :-1]], axis=-1)
     earlier = np.concatenate([steps_n[..., 1:], steps_n[..., -1:]], axis=-1)
     return np.asarray((_features(later) - _features(earlier)) / (2.0 * STEP_MM))
 
 
 def _numerical_scatter(other_n: np.ndarray, centre_n: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
-    """Mean outer product of what numerical variants change in a cell itself, c x f x f, at the amplitude of its forces.
+    """Average the outer product of what numerical variants change in a cell, c x f x f, at the amplitude of its forces.
 
     A cell that snaps in one variant and not in another says little.
     """
@@ -238,7 +238,7 @@ def _numerical_scatter(other_n: np.ndarray, centre_n: np.ndarray, amplitude: np.
 def _placed_scatter(
     bank: Bank, at: tuple[np.ndarray, np.ndarray], predicted_n: np.ndarray, amplitude: np.ndarray
 ) -> np.ndarray:
-    """Covariance (c x f x f) of the height of the object and the start of the lift; predicted_n: c x 120.
+    """Compute the covariance (c x f x f) of object height and lift start; predicted_n: c x 120.
 
     What a height changes is no mere shift: the finger bends and slips along another part of the object.
     """
@@ -252,13 +252,13 @@ def _placed_scatter(
 
 
 def _changes(other_n: np.ndarray, centre_n: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
-    """What other simulations (c x v x 120) change of features at the amplitude of a cell's forces, c x v x f."""
+    """Compute feature changes by other simulations (c x v x 120) at the amplitude of a cell's forces, c x v x f."""
     centre = features_of_steps(centre_n)
     return (_features(other_n) - centre[:, None]) / find_amplitude(centre)[:, None] * amplitude[:, None]
 
 
 def _surface_error(bank: Bank, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Mean outer product of the errors of surfaces of features at left-out grid points, c x f x f."""
+    """Compute the mean outer product of surfaces' feature errors at left-out grid points, c x f x f."""
     is_wanted = np.zeros(bank.grid_steps_n.shape[:2], dtype=bool)
     is_wanted[at] = True
     simulated = _features(bank.grid_steps_n)
@@ -267,7 +267,7 @@ def _surface_error(bank: Bank, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
 
 
 def _features(steps_n: np.ndarray) -> np.ndarray:
-    """Features of simulations some of which are missing (NaN)."""
+    """Compute features of simulations some of which are missing (NaN)."""
     with np.errstate(invalid="ignore"):
         return features_of_steps(steps_n)
 

@@ -39,7 +39,7 @@ class Decider:
     _fits: dict[str, Fit] = field(default_factory=dict, repr=False)
 
     def decide(self, gap: float, is_alarm: bool) -> tuple[Decision, float]:
-        """The answer, and the probability that the best name is right if there is a gap. gap: that there is one."""
+        """Decide the answer, and the probability that the best name is right given a gap. gap: that there is one."""
         if not is_alarm:
             return self.decide_none(1.0 - gap), 0.0
         if not self.trials.tried:
@@ -52,7 +52,7 @@ class Decider:
         return named.model_copy(update={"possible": possible}), name
 
     def judge_families(self) -> dict[str, float]:
-        """How probable each family on trial is if something is missing, the best one first; the rest is *unknown*.
+        """Judge how probable each family on trial is if something is missing, best first; the rest is *unknown*.
 
         The best by the odds of its name; each next one by those that it would have, had the catalogue none before it.
         """
@@ -67,7 +67,7 @@ class Decider:
         return found
 
     def decide_none(self, probability: float) -> Decision:
-        """Nothing, with what could still hide, and what there is some evidence for."""
+        """Answer that there is nothing, with what could still hide, and what there is some evidence for."""
         hides = self.rehearsal.describe_seen_size(compute_rms(self.trials.fit.force_n))
         near = ""
         if self.trials.tried:
@@ -76,7 +76,7 @@ class Decider:
         return Decision(kind="none", probability=probability, sentence=sentence)
 
     def decide_effects(self, chosen: Sequence[str], probability: float) -> Decision:
-        """One effect with its parameters, or several that are not told apart, the likeliest first; its law is shown."""
+        """Answer with one effect and its parameters, or several not told apart, likeliest first; its law is shown."""
         first, trial = chosen[0], self.trials.find(chosen[0])
         fit = self.fit_with(first)
         left = max(trial.left_patterns_nats, trial.left_effects_nats) if trial.left else None
@@ -98,7 +98,7 @@ class Decider:
         return Decision(kind="effect", sentence=sentence, parameters=parameters, **common)
 
     def decide_unknown(self, probability: float) -> Decision:
-        """Not in the catalogue: what it is like, how large it is, and where; and which effect comes nearest."""
+        """Answer that it is not in the catalogue: what it is like, how large, and where; which effect comes nearest."""
         fit, pattern = self.trials.fit, self._find_pattern()
         change_n = fit.rest_n if pattern is None or pattern.change_n is None else pattern.change_n
         size_n = compute_rms(change_n)
@@ -123,7 +123,7 @@ class Decider:
         )
 
     def fit_with(self, effect: str) -> Fit:
-        """The fit with an effect that was on trial as well, from where its trial ended; made once."""
+        """Make the fit with an effect that was on trial as well, from where its trial ended; made once."""
         if effect not in self._fits:
             self._fits[effect] = fit_effect(self.fit, self.trials.find(effect).value)
         return self._fits[effect]
@@ -135,12 +135,12 @@ class Decider:
         return next((one for one in patterns if one.nats > thresholds.find_threshold(one)), None)
 
     def _find_drift(self) -> str:
-        """What repeats of the same grasps differ by, in words, where most of the evidence is theirs."""
+        """Find what repeats of the same grasps differ by, in words, where most of the evidence is theirs."""
         best = self.trials.weighed[0]
         return _describe_pattern(best) if best.kind == "drift" and best.nats > self.rehearsal.thresholds.nats else ""
 
     def _find_most(self, change_n: np.ndarray) -> str:
-        """Where it is largest: the object, the tool and the lift with the largest mean of its squares (n x b)."""
+        """Find where it is largest: object, tool and lift with the largest mean of its squares (n x b)."""
         problem, squares = self.trials.fit.problem, (change_n**2).sum(axis=1)
         grasps = problem.surrogate.grasps
 
@@ -153,7 +153,7 @@ class Decider:
         return f"{where}, {spell_number(float(lift_mm))} mm into the lift"
 
     def _list_possible(self, chosen: Sequence[str], name: float) -> tuple[str, ...]:
-        """What is said, and what nine in ten rehearsed alarms of its kind of truth do not exclude.
+        """List what is said, and what nine in ten rehearsed alarms of its kind of truth do not exclude.
 
         Class by class (split conformal prediction, Vovk 2012).
         """
@@ -166,7 +166,7 @@ def _describe_pattern(pattern: Candidate) -> str:
 
 
 def choose_alike(trials: Trials, rehearsal: Rehearsal) -> list[str]:
-    """The best effect, and those of its family with so little less evidence that either may be the true one.
+    """Choose the best effect, and those of its family with so little less evidence that either may be the true one.
 
     Effects that are one curve are never told apart.
     """
@@ -178,7 +178,7 @@ def choose_alike(trials: Trials, rehearsal: Rehearsal) -> list[str]:
 
 
 def fit_effect(base: Fit, value: EffectValue) -> Fit:
-    """The fit with one more effect: the better of two, from the theta without it and from the one that suits it.
+    """Fit with one more effect: the better of two fits, from the theta without it and from the one that suits it.
 
     A strong effect has led theta far away, from where no small step is an improvement.
     """

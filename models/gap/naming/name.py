@@ -120,7 +120,7 @@ def name_effect(
 
 
 def share_names(trials: Trials, rehearsal: Rehearsal) -> Mapping[str, float]:
-    """How probable each effect on trial is if one of them is the cause; they sum to 1.
+    """Compute how probable each effect on trial is if one of them is the cause; they sum to 1.
 
     An effect with as much less evidence than the best as the true one has nine times in ten, gets a tenth of its share.
     """
@@ -129,7 +129,7 @@ def share_names(trials: Trials, rehearsal: Rehearsal) -> Mapping[str, float]:
 
 
 def share_evidence(nats: Sequence[float], behind: float) -> np.ndarray:
-    """Shares (n) of effects with so much evidence, which sum to 1; behind: see `Rehearsal`."""
+    """Compute shares (n) of effects with so much evidence, which sum to 1; behind: see `Rehearsal`."""
     evidence = np.maximum(nats, 0.0)
     shares = np.exp(-np.log(10.0) * (1.0 - evidence / max(evidence.max(initial=0.0), 1e-9)) / max(behind, 0.01))
     return np.asarray(shares / shares.sum())
@@ -138,7 +138,7 @@ def share_evidence(nats: Sequence[float], behind: float) -> np.ndarray:
 def _report_candidates(
     alarm: Alarm, named: Decision, name: float, trials: Trials, rehearsal: Rehearsal
 ) -> tuple[Candidate, ...]:
-    """Everything that was weighed, as it is reported: none, unknown, and the single effects."""
+    """Report everything that was weighed: none, unknown, and the single effects."""
     gap = alarm.gap
     shares = share_names(trials, rehearsal) if trials.tried else {}
     pattern = next((one for one in trials.weighed if one.kind != "effect"), None)
@@ -168,7 +168,7 @@ def _report_candidates(
 
 
 def _drop_effects(fit: EvidenceFit) -> tuple[str, ...]:
-    """Effects of the model without which, all else fitted again, the data are hardly less probable."""
+    """Find effects of the model without which, all else fitted again, the data are hardly less probable."""
     dropped = []
     for value in fit.problem.effects:
         others = [other for other in fit.problem.effects if other is not value]

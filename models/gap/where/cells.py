@@ -39,7 +39,7 @@ class UnsureCell:
 
 
 def find_heaviest_cells(residuals: Residuals) -> tuple[HeavyCell, ...]:
-    """The cells that most of the gap lies in, the largest first."""
+    """Find the cells that most of the gap lies in, the largest first."""
     squares = ((residuals.measured_n - residuals.predicted_n) ** 2).mean(axis=1)
     cell = residuals.tool * len(residuals.objects) + residuals.obj
     names, place = np.unique(cell, return_inverse=True)
@@ -61,7 +61,7 @@ def find_heaviest_cells(residuals: Residuals) -> tuple[HeavyCell, ...]:
 
 
 def find_unsure_cells(bank: Bank, tools: tuple[str, ...]) -> tuple[UnsureCell, ...]:
-    """Cells of the bank whose force changes by more than a tenth of the peak, the most unsure first.
+    """Find cells of the bank whose force changes by more than a tenth of the peak, the most unsure first.
 
     tools: names (t), as in the bank.
     """
@@ -81,7 +81,7 @@ def find_unsure_cells(bank: Bank, tools: tuple[str, ...]) -> tuple[UnsureCell, .
 
 
 def _spread(bank: Bank, steps_n: np.ndarray) -> np.ndarray:
-    """Largest change by any variant (t x k x v x steps), as a root mean square over the steps with force, t x k."""
+    """Find the largest change by any variant (t x k x v x steps), root mean square over steps with force, t x k."""
     centre_n = bank.centre_steps_n[:, :, None]
     is_held = np.abs(centre_n) > 0.05 * np.nanmax(np.abs(centre_n), axis=-1, keepdims=True)
     is_held = is_held | (np.abs(steps_n) > 0.05 * np.nanmax(np.abs(centre_n), axis=-1, keepdims=True))

@@ -64,13 +64,13 @@ class _Size:
 
 
 def locate(residuals: Residuals, seed: int = 0) -> Where:
-    """Tests and findings of the grasps to learn from."""
+    """Run the tests and make the findings of the grasps to learn from."""
     tests = run_tests(residuals, seed)
     return Where(find_where(residuals, tests, seed), tests)
 
 
 def describe_silence(tests: TestTree) -> str:
-    """What is no larger than chance makes it, in a sentence: gaps of phases, and what no phase goes with."""
+    """Describe what is no larger than chance makes it, in a sentence: gaps of phases, what no phase goes with."""
     quiet = [WORDS[phase] for phase in tests.phases if not tests.rejected[phase]]
     asked = dict.fromkeys(h.factor for h in tests.factors)
     seen = {h.factor for phase in PHASES for h in tests.rejected[phase]}
@@ -82,7 +82,7 @@ def describe_silence(tests: TestTree) -> str:
 
 
 def find_where(residuals: Residuals, tests: TestTree, seed: int = 0) -> tuple[WhereFinding, ...]:
-    """Findings of every phase that was rejected, the largest first."""
+    """Make the findings of every phase that was rejected, the largest first."""
     found: list[WhereFinding] = []
     for phase in PHASES:
         rejected = tests.rejected[phase]
@@ -116,7 +116,7 @@ def _of_leaf(residuals: Residuals, phase: str, leaf: Leaf, rejected: dict[str, H
 
 
 def _of_objects(residuals: Residuals, phase: str, tested: Hypothesis) -> list[WhereFinding | None]:
-    """The objects with the largest gaps, where no word for them was found."""
+    """Return the objects with the largest gaps, where no word for them was found."""
     sizes = [(o, _size(residuals, phase, residuals.obj == o)) for o in np.unique(residuals.obj)]
     sizes.sort(key=lambda pair: -abs(pair[1].share))
     return [
@@ -147,7 +147,7 @@ def _make_finding(sentence: str, phase: str, stratum: str, size: _Size, tested: 
 
 
 def _size(residuals: Residuals, phase: str, grasps: np.ndarray, honest: float | None = None) -> _Size:
-    """Mean of a phase over some grasps; `honest` takes the place of its relative mean and moves all with it."""
+    """Average a phase over some grasps; `honest` takes the place of its relative mean and moves all with it."""
     place = PHASES.index(phase)
     values = np.column_stack([residuals.phases_n[:, place], residuals.relative[:, place]])
     chosen = grasps & np.isfinite(values[:, 0])
@@ -166,7 +166,7 @@ def _size(residuals: Residuals, phase: str, grasps: np.ndarray, honest: float | 
 
 
 def _of_history(residuals: Residuals, phase: str, tested: Hypothesis) -> WhereFinding | None:
-    """How much the gap changes from the first to the last repeat, or from early to late grasps."""
+    """Tell how much the gap changes from the first to the last repeat, or from early to late grasps."""
     place = PHASES.index(phase)
     is_repeat = tested.factor == REPEAT
     x = residuals.repeat.astype(float) if is_repeat else residuals.order
@@ -200,7 +200,7 @@ def _of_history(residuals: Residuals, phase: str, tested: Hypothesis) -> WhereFi
 
 
 def _with_notes(found: tuple[WhereFinding, ...], residuals: Residuals, tests: TestTree) -> tuple[WhereFinding, ...]:
-    """The first sentence also says where nothing was found: before which phase, and over repeats."""
+    """Add to the first sentence where nothing was found: before which phase, and over repeats."""
     if not found:
         return found
     notes = []
@@ -216,7 +216,7 @@ def _with_notes(found: tuple[WhereFinding, ...], residuals: Residuals, tests: Te
 
 
 def _describe_size(effect_n: float, share: float, interval: tuple[float, float]) -> str:
-    """A size in N and in per cent of the peak, with the interval in per cent, signs left to the sentence.
+    """Describe a size in N and in per cent of the peak, with the interval in per cent, signs left to the sentence.
 
     One tool or object alone gives no interval.
     """

@@ -46,7 +46,7 @@ class TestTree:
 
 
 def run_tests(residuals: Residuals, seed: int = 0) -> TestTree:
-    """All tests of the tree on the relative residuals."""
+    """Run all tests of the tree on the relative residuals."""
     draws = _Draws.of(residuals, np.random.default_rng(seed))
     names: list[tuple[str, str]] = []
     statistics = []
@@ -74,7 +74,7 @@ def run_tests(residuals: Residuals, seed: int = 0) -> TestTree:
 
 
 def adjust_bh(p: np.ndarray) -> np.ndarray:
-    """The q of p values of one family (m), after Benjamini and Hochberg 1995."""
+    """Compute the q of p values of one family (m), after Benjamini and Hochberg 1995."""
     order = np.argsort(p)
     q = p[order] * len(p) / (np.arange(len(p)) + 1)
     out = np.zeros(len(p))
@@ -83,7 +83,7 @@ def adjust_bh(p: np.ndarray) -> np.ndarray:
 
 
 def adjust_step_down(z: np.ndarray) -> np.ndarray:
-    """Adjusted p (m) of standardised statistics (m x (1 + b)), each against the largest of those not above it."""
+    """Adjust p (m) of standardised statistics (m x (1 + b)), each against the largest of those not above it."""
     order = np.argsort(-z[:, 0])
     largest = np.maximum.accumulate(z[order][::-1], axis=0)[::-1]
     out = np.zeros(len(z))
@@ -109,7 +109,7 @@ class _Draws:
 
 
 def _statistics(residuals: Residuals, u: np.ndarray, draws: _Draws) -> dict[str, np.ndarray]:
-    """Statistics of every factor of a phase, observed first, 1 + draws each; empty if few grasps have the phase."""
+    """Compute each factor's statistics of a phase, observed first, 1 + draws each; empty if few grasps have it."""
     is_there = np.isfinite(u)
     tools, tool = np.unique(residuals.tool, return_inverse=True)
     objects, obj = np.unique(residuals.obj, return_inverse=True)
@@ -140,7 +140,7 @@ def _statistics(residuals: Residuals, u: np.ndarray, draws: _Draws) -> dict[str,
 
 
 def _main_effects(cells: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Effects of tools (with the common mean) and of objects (with mean zero) of a table with gaps, t and o."""
+    """Compute effects of tools (with the common mean) and objects (mean zero) of a table with gaps, t and o."""
     by_tool, by_obj = np.zeros(len(cells)), np.zeros(cells.shape[1])
     for _ in range(20):
         by_tool = (weight * (cells - by_obj)).sum(axis=1) / np.maximum(weight.sum(axis=1), 1)
@@ -154,7 +154,7 @@ def _correlation(effect: np.ndarray, x: np.ndarray, permutations: np.ndarray) ->
 
 
 def _between(effect: np.ndarray, group: np.ndarray, permutations: np.ndarray) -> np.ndarray:
-    """Squares between groups of two or more."""
+    """Compute the squares between groups of two or more."""
     total = np.zeros(len(permutations))
     centred = effect - effect.mean()
     for name in np.unique(group):
@@ -167,7 +167,7 @@ def _between(effect: np.ndarray, group: np.ndarray, permutations: np.ndarray) ->
 def _histories(
     residuals: Residuals, u: np.ndarray, is_there: np.ndarray, t: np.ndarray, o: np.ndarray, draws: _Draws
 ) -> dict[str, np.ndarray]:
-    """Slopes over repeats within a cell, and over the order beyond it, tool by tool: signs of tools are flipped."""
+    """Compute slopes over repeats in a cell, and over the order beyond it, tool by tool: signs of tools are flipped."""
     found = {}
     cell = t * (o.max() + 1) + o
     for factor, x, groups in (
@@ -189,13 +189,13 @@ def _centre(values: np.ndarray, group: np.ndarray) -> np.ndarray:
 
 
 def _standardise(statistics: np.ndarray) -> np.ndarray:
-    """Statistics (m x (1 + b)) less the mean of their draws, over its standard deviation; ties stay ties."""
+    """Standardise statistics (m x (1 + b)): less their draws' mean, over its standard deviation; ties stay ties."""
     drawn = statistics[:, 1:]
     spread = np.maximum(drawn.std(axis=1, keepdims=True), 1e-300)
     return np.asarray(np.round((statistics - drawn.mean(axis=1, keepdims=True)) / spread, 9))
 
 
 def _largest(z: np.ndarray) -> float:
-    """The p of the largest statistic of a branch (m x (1 + b))."""
+    """Compute the p of the largest statistic of a branch (m x (1 + b))."""
     largest = z.max(axis=0)
     return float(np.mean(largest >= largest[0]))

@@ -87,7 +87,7 @@ class Residuals:
 
     @staticmethod
     def of(surrogate: Surrogate, predicted_n: np.ndarray, young_modulus_mpa: float) -> "Residuals":
-        """Residuals of a surrogate's grasps; predicted_n: n x steps, at this modulus of the material."""
+        """Compute residuals of a surrogate's grasps; predicted_n: n x steps, at this modulus of the material."""
         grasps, bank = surrogate.grasps, surrogate.bank
         scale = young_modulus_mpa / bank.centre.young_modulus_mpa
         return Residuals(
@@ -116,7 +116,7 @@ class Residuals:
 
     @cached_property
     def object_table(self) -> np.ndarray:
-        """Width, height and, as 0 or 1, the family of the objects, o x 7."""
+        """Make a table of width, height and, as 0 or 1, the family of the objects, o x 7."""
         return make_object_table(self.objects)
 
     @cached_property
@@ -163,7 +163,7 @@ class Residuals:
 
 
 def compute_phase_differences(measured_n: np.ndarray, predicted_n: np.ndarray) -> np.ndarray:
-    """Measured minus predicted force by phase, n x 5, in N: means over windows, and of the peak the two peaks.
+    """Compute measured minus predicted force by phase, n x 5, in N: means over windows, of the peak the two peaks.
 
     measured_n, predicted_n: n x steps. NaN where the predicted trace does not have a phase.
     """
@@ -176,7 +176,7 @@ def compute_phase_differences(measured_n: np.ndarray, predicted_n: np.ndarray) -
 
 
 def find_phase_windows(predicted_n: np.ndarray) -> np.ndarray:
-    """Which steps belong to a phase, n x 5 x steps; a step belongs to one at most."""
+    """Find which steps belong to a phase, n x 5 x steps; a step belongs to one at most."""
     n, n_steps = predicted_n.shape
     smoothed = smooth(predicted_n)
     peak = smoothed.max(axis=1, keepdims=True)
@@ -192,31 +192,31 @@ def find_phase_windows(predicted_n: np.ndarray) -> np.ndarray:
 
 
 def peaks(steps_n: np.ndarray) -> np.ndarray:
-    """Peak force of traces (n x steps), n, in N: of a running mean over 1.5 mm."""
+    """Find the peak force of traces (n x steps), n, in N: of a running mean over 1.5 mm."""
     return np.asarray(smooth(steps_n).max(axis=1))
 
 
 def amplitudes(predicted_n: np.ndarray) -> np.ndarray:
-    """What forces of a grasp are compared with, n, in N: its predicted peak, not less than a quarter of the usual."""
+    """Return what a grasp's forces are compared with, n, in N: its predicted peak, at least a quarter of the usual."""
     peak = np.abs(smooth(predicted_n)).max(axis=1)
     return np.asarray(np.maximum(peak, max(_LEAST_AMPLITUDE * float(np.median(peak)), 1e-9)))
 
 
 def smooth(steps_n: np.ndarray) -> np.ndarray:
-    """Running mean over three steps, n x steps; fewer at the ends."""
+    """Compute the running mean over three steps, n x steps; fewer at the ends."""
     padded = np.pad(steps_n, ((0, 0), (1, 1)), mode="edge")
     return np.asarray(sum(padded[:, i : i + steps_n.shape[1]] for i in range(_SMOOTH)) / _SMOOTH)
 
 
 def _ends(is_in: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First and last step of a mask, n each."""
+    """Find the first and last step of a mask, n each."""
     return is_in.argmax(axis=1), is_in.shape[1] - 1 - is_in[:, ::-1].argmax(axis=1)
 
 
 def jackknife(
     statistic: Callable[[np.ndarray], np.ndarray], tool: np.ndarray, obj: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Value of a statistic (k) of a mask of grasps (n) and the ends of its 90 % interval, k each.
+    """Compute a statistic (k) of a mask of grasps (n) and the ends of its 90 % interval, k each.
 
     Tools and objects are left out one by one and both variances added: too wide rather than too narrow. Student's t
     with as many degrees of freedom as there are tools or objects, whichever is fewer, less one.

@@ -80,7 +80,7 @@ class ObjectShape:
 
 @lru_cache(maxsize=64)
 def object_shape(object_id: int) -> ObjectShape:
-    """The shape of an object of the catalogue.
+    """Return the shape of an object of the catalogue.
 
     Raises:
         UsageError: there is no such object.
@@ -95,29 +95,29 @@ def object_shape(object_id: int) -> ObjectShape:
 
 
 def list_tool_features(designs: Sequence[Design]) -> tuple[str, ...]:
-    """Names of the parameters that all designs have and that are numbers: the nine of fin rays."""
+    """List names of the parameters that all designs have and that are numbers: the nine of fin rays."""
     shared = [name for name in type(designs[0]).model_fields if all(name in type(d).model_fields for d in designs)]
     return tuple(name for name in shared if not isinstance(getattr(designs[0], name), str))
 
 
 def make_tool_table(designs: Sequence[Design], features: Sequence[str]) -> np.ndarray:
-    """Design parameters of the tools, t x features."""
+    """Make a table of the design parameters of the tools, t x features."""
     return np.array([[getattr(d, name) for name in features] for d in designs], dtype=float)
 
 
 def make_object_table(objects: Sequence[int]) -> np.ndarray:
-    """Width, height and, as 0 or 1, the family of the objects, o x 7."""
+    """Make a table of width, height and, as 0 or 1, the family of the objects, o x 7."""
     shapes = [object_shape(number) for number in objects]
     return np.array([[s.width_mm, s.height_mm, *(s.family == f for f in FAMILIES)] for s in shapes], dtype=float)
 
 
 def number_families(objects: Sequence[int]) -> np.ndarray:
-    """Which family each object is of, o."""
+    """Number the family that each object is of, o."""
     return np.array([FAMILIES.index(object_shape(number).family) for number in objects])
 
 
 def describe_condition(feature: str, limit: float, is_above: bool) -> tuple[str, str]:
-    """What a split selects in words: for objects and for tools, one of them empty."""
+    """Describe what a split selects in words: for objects and for tools, one of them empty."""
     side = 0 if is_above else 1
     if feature in _TOOLS:
         if feature == "rib_count":
@@ -134,7 +134,7 @@ def describe_condition(feature: str, limit: float, is_above: bool) -> tuple[str,
 
 
 def describe_stratum(conditions: tuple[tuple[str, str], ...]) -> str:
-    """Conditions on objects and tools as one phrase, `everywhere` if there is none."""
+    """Describe conditions on objects and tools as one phrase, `everywhere` if there is none."""
     objects = [o for o, _ in conditions if o]
     tools = [t for _, t in conditions if t]
     parts = []

@@ -66,7 +66,7 @@ class _Question:
 
 
 def grow_honest_tree(residuals: Residuals, phase: str, factors: Collection[str], seed: int = 0) -> tuple[Leaf, ...]:
-    """Leaves of the tree of a phase; one leaf without splits where no question is stable.
+    """Grow the leaves of the tree of a phase; one leaf without splits where no question is stable.
 
     factors: names of tool features, of the first two of `OBJECT_FEATURES`, and `FAMILY`, that may be asked about.
     """
@@ -81,7 +81,7 @@ def grow_honest_tree(residuals: Residuals, phase: str, factors: Collection[str],
 
 
 def _cells(residuals: Residuals, place: int) -> _Cells:
-    """Means over repeats of the relative residual of a phase, one row a cell that has it."""
+    """Compute means over repeats of the relative residual of a phase, one row a cell that has it."""
     is_there = np.isfinite(residuals.relative[:, place])
     t, o = residuals.tool[is_there], residuals.obj[is_there]
     n_objects = len(residuals.objects)
@@ -93,7 +93,7 @@ def _cells(residuals: Residuals, place: int) -> _Cells:
 
 
 def _halves(tools: np.ndarray, rng: np.random.Generator) -> list[np.ndarray]:
-    """Numbers of tools in each of `N_HALVES` halves, every other one the complement of the one before."""
+    """Draw numbers of tools in each of `N_HALVES` halves, every other one the complement of the one before."""
     halves = []
     for _ in range(N_HALVES // 2):
         shuffled = rng.permutation(tools)
@@ -120,7 +120,7 @@ def _grow(
 def _stable_question(
     cells: _Cells, columns: tuple[int, ...], halves: Sequence[np.ndarray], depth: int
 ) -> tuple[int, float] | None:
-    """Feature and median limit of what the trees of the halves ask most, if enough of them do."""
+    """Find the feature and median limit of what the trees of the halves ask most, if enough of them do."""
     if depth == 0 or not columns:
         return None
     asked = [_questions(_in(cells, half), _least_designs(half, cells), columns, depth) for half in halves]
@@ -142,7 +142,7 @@ def _stable_question(
 
 
 def _questions(cells: _Cells, least_designs: int, columns: tuple[int, ...], depth: int) -> list[_Question]:
-    """Questions of the greedy tree of some cells, from the root on."""
+    """List questions of the greedy tree of some cells, from the root on."""
     question = _best_question(cells, least_designs, columns) if depth else None
     if question is None:
         return []
@@ -152,14 +152,14 @@ def _questions(cells: _Cells, least_designs: int, columns: tuple[int, ...], dept
 
 
 def _least_designs(half: np.ndarray, cells: _Cells) -> int:
-    """Designs that a leaf of a half needs: its share of `MIN_DESIGNS`, but two where there are two."""
+    """Count the designs that a leaf of a half needs: its share of `MIN_DESIGNS`, but two where there are two."""
     is_here = cells.tool.sum(axis=0) > 0
     n_half = int(is_here[half].sum())
     return max(int(np.ceil(MIN_DESIGNS * n_half / max(is_here.sum(), 1))), min(n_half, 2), 1)
 
 
 def _best_question(cells: _Cells, least_designs: int, columns: tuple[int, ...]) -> _Question | None:
-    """The split that takes away most squares."""
+    """Find the split that takes away most squares."""
     candidates = [(j, limit) for j in columns for limit in _limits(cells.x[:, j])]
     if not candidates:
         return None
@@ -184,7 +184,7 @@ def _limits(values: np.ndarray) -> np.ndarray:
 
 
 def _honest(cells: _Cells, splits: tuple[Split, ...], halves: Sequence[np.ndarray]) -> float:
-    """Mean of a leaf on the designs that did not choose its limits, averaged over the halves."""
+    """Compute the mean of a leaf on the designs that did not choose its limits, averaged over the halves."""
     estimates = []
     for half in halves:
         grown = _in(cells, half)
@@ -206,7 +206,7 @@ def _in(cells: _Cells, half: np.ndarray) -> _Cells:
 
 
 def _follows(x: np.ndarray, splits: tuple[Split, ...]) -> np.ndarray:
-    """Rows of a table of features that give the answers of the splits."""
+    """Find rows of a table of features that give the answers of the splits."""
     chosen = np.ones(len(x), dtype=bool)
     for split in splits:
         chosen &= (x[:, split.column] > split.limit) == split.is_above

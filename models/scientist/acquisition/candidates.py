@@ -30,7 +30,7 @@ class Predictor(Protocol):
         """Observations behind it."""
 
     def mean(self, x: np.ndarray, s: np.ndarray | int) -> np.ndarray:
-        """Predictive mean at m points `x` (m x d) of fidelity `s`, m."""
+        """Return the predictive mean at m points `x` (m x d) of fidelity `s`, m."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class CandidateSettings:
 def candidate_points(
     surrogate: Predictor, rng: np.random.Generator, settings: CandidateSettings, space: DesignSpace = FIN_RAYS
 ) -> np.ndarray:
-    """Candidates in the unit cube, (n_random + n_local) x d; the incumbents themselves are among them."""
+    """Make candidates in the unit cube, (n_random + n_local) x d; the incumbents themselves are among them."""
     random_points = space.random_unit(settings.n_random, rng)
     incumbents = np.concatenate(
         [
@@ -71,7 +71,7 @@ def climb_mean(
     settings: CandidateSettings,
     space: DesignSpace = FIN_RAYS,
 ) -> np.ndarray:
-    """Hill-climbed maxima of the real outcome's posterior mean, n_lineages x d.
+    """Find hill-climbed maxima of the real outcome's posterior mean, n_lineages x d.
 
     Starts from the best of `pool` (m x d) and the data. Every lineage keeps its own best point, so separate
     hills survive; each step tries mutations and all levels. What breaks a limit of the space counts for nothing.
@@ -94,7 +94,7 @@ def climb_mean(
 def mutate(
     points: np.ndarray, scales: np.ndarray, rng: np.random.Generator, space: DesignSpace = FIN_RAYS
 ) -> np.ndarray:
-    """Neighbours of `points` (n x d) at distances of about `scales` (n), reflected at the bounds, levels kept."""
+    """Draw neighbours of `points` (n x d) at distances of about `scales` (n), reflected at bounds, levels kept."""
     moves = rng.random(points.shape) < _MOVE_SHARE
     moved = points + rng.normal(size=points.shape) * scales[:, None] * moves
     moved = np.abs(moved)
@@ -134,7 +134,7 @@ class Spacing:
         self._neighbours = np.concatenate([self._neighbours, point[None, :]])
 
     def allowed(self, points: np.ndarray) -> np.ndarray:
-        """Mask of the `points` (n x d) that may still be chosen."""
+        """Return the mask of the `points` (n x d) that may still be chosen."""
         return _clear(points, self._known, DUPLICATE_DISTANCE) & _clear(points, self._neighbours, self._min_distance)
 
 
@@ -160,7 +160,7 @@ class Pool:
         return np.concatenate([measured, self.pending[self.pending[:, -1] == REAL, :-1]])
 
     def choose(self, n: int, gain: Callable[[list[int]], np.ndarray]) -> list[tuple[int, float]]:
-        """Up to n (row, gain) greedily, in the order of choice; fewer when spacing leaves no more candidates.
+        """Choose up to n (row, gain) greedily, in the order of choice; fewer if spacing leaves no more candidates.
 
         gain: of every candidate (m), given the rows that are chosen already; called once a choice.
         """

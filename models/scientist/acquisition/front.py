@@ -26,12 +26,12 @@ Draw = Callable[[np.ndarray, int, np.random.Generator], np.ndarray]
 
 
 def draw_known(known: Callable[[np.ndarray], np.ndarray]) -> Draw:
-    """The draws of what follows from the design alone (m x d -> m): all alike."""
+    """Make the draws of what follows from the design alone (m x d -> m): all alike."""
     return lambda points, n, _: np.repeat(known(points)[:, None], n, axis=1)
 
 
 def draw_surrogate(model: Surrogate) -> Draw:
-    """The draws of a surrogate, in the units of the outcome."""
+    """Make the draws of a surrogate, in the units of the outcome."""
     return lambda points, n, rng: model.data.force_n(real_paths(model, points, n, rng))
 
 
@@ -56,14 +56,14 @@ class Criterion:
         return -self.limit if self.less_is_better and self.limit is not None else self.limit
 
     def paths(self, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Outcomes on N_PATHS paths, m x N_PATHS, with their sign turned where less is better."""
+        """Draw outcomes on N_PATHS paths, m x N_PATHS, with their sign turned where less is better."""
         return (-1.0 if self.less_is_better else 1.0) * self.draw(points, N_PATHS, rng)
 
 
 def select_by_hypervolume(
     criteria: Sequence[Criterion], pool: Pool, n: int, rng: np.random.Generator
 ) -> list[tuple[int, float]]:
-    """Up to n rows of the pool, greedily by the hypervolume improvement of these criteria.
+    """Select up to n rows of the pool, greedily by the hypervolume improvement of these criteria.
 
     The surrogate's data tell it what was measured; the fidelity must be 1, and pending points of fidelity 1 count. By
     mean improvement over measured, pending and chosen designs: (row, improvement) in the order of choice, the
@@ -94,14 +94,14 @@ def select_by_hypervolume(
 
 
 def find_front(values: np.ndarray) -> np.ndarray:
-    """Which of n outcomes of k objectives (n x k, more is better) no other one is at least as good in all of."""
+    """Find which of n outcomes of k objectives (n x k, more is better) no other is at least as good in all of."""
     at_least = (values[:, None, :] >= values[None, :, :]).all(axis=2)
     better = (values[:, None, :] > values[None, :, :]).any(axis=2)
     return np.asarray(~(at_least & better).any(axis=0))
 
 
 def _scale(wanted: np.ndarray, n_candidates: int) -> np.ndarray:
-    """Objectives (k x m x paths) from 0 at the reference point to about 1 at the best competitor, none below 0."""
+    """Scale objectives (k x m x paths): 0 at the reference point, about 1 at the best competitor, none below 0."""
     base = wanted[:, n_candidates:] if wanted.shape[1] > n_candidates else wanted
     low, high = base.mean(axis=2).min(axis=1), base.mean(axis=2).max(axis=1)
     span = np.maximum(high - low, 1e-9)
@@ -110,14 +110,14 @@ def _scale(wanted: np.ndarray, n_candidates: int) -> np.ndarray:
 
 
 def _front(values: np.ndarray) -> np.ndarray:
-    """The front of n outcomes (n x k), its first objective rising; empty without any above the reference point."""
+    """Return the front of n outcomes (n x k), first objective rising; empty without any above the reference point."""
     values = values[(values > 0.0).all(axis=1)]
     values = values[find_front(values)] if len(values) else values
     return values[np.argsort(values[:, 0], kind="stable")] if len(values) else values
 
 
 def _gains(candidates: np.ndarray, front: np.ndarray) -> np.ndarray:
-    """Length or area that each of m candidates (m x k, k 1 or 2) adds to a front (f x k), m; reference point 0."""
+    """Compute what m candidates (m x k, k 1 or 2) each add to a front (f x k): length or area, m; reference point 0."""
     if candidates.shape[1] == 1:
         return np.maximum(candidates[:, 0] - (front[-1, 0] if len(front) else 0.0), 0.0)
     if not len(front):

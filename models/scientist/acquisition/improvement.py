@@ -19,7 +19,7 @@ _SMOOTHING = 0.01  # of the spread of the best outcome over the paths
 
 
 def select_by_improvement(pool: Pool, n: int, rng: np.random.Generator) -> list[tuple[int, float]]:
-    """Up to n rows of the pool, greedily by expected improvement over measured, pending and chosen designs.
+    """Select up to n rows of the pool, greedily by expected improvement over measured, pending and chosen designs.
 
     Returns (row, improvement in N) in the order of choice.
 
@@ -40,7 +40,7 @@ def select_by_improvement(pool: Pool, n: int, rng: np.random.Generator) -> list[
 
 
 def log_expected_improvement(paths: np.ndarray, best: np.ndarray, smoothing: float) -> np.ndarray:
-    """Log of the mean smoothed improvement of m candidates, m; paths: m x n_paths, best: n_paths, smoothing: N."""
+    """Compute the log mean smoothed improvement of m candidates, m; paths: m x n_paths, best: n_paths, smoothing: N."""
     z = (paths - best) / smoothing
     # log softplus(z): z itself where exp(z) underflows, so that the order survives far below the best
     log_improvement = np.where(z < -30.0, z, np.log(np.logaddexp(0.0, np.maximum(z, -30.0))))
@@ -48,5 +48,5 @@ def log_expected_improvement(paths: np.ndarray, best: np.ndarray, smoothing: flo
 
 
 def _best_of(competitors: np.ndarray, paths: np.ndarray) -> np.ndarray:
-    """Best competitor on each path; without competitors the worst candidate, so that all improve."""
+    """Find the best competitor on each path; without competitors the worst candidate, so that all improve."""
     return np.asarray(competitors.max(axis=0) if len(competitors) else paths.min(axis=0))

@@ -27,7 +27,7 @@ def information_gain(
     covariance: np.ndarray,
     noise: float,
 ) -> np.ndarray:
-    """Closed-form information gain about f* of one observation at each of m candidates, m, nats.
+    """Compute the closed-form information gain about f* of one observation at each of m candidates, m, nats.
 
     best: n_paths draws of f*. mean: m x n_paths, variance: m, of the real outcome. variance_s, covariance: m, of the
     outcome of the observed fidelity and between both. noise: variance of the observation. Never negative.
@@ -40,14 +40,14 @@ def information_gain(
 
 
 def truncation_gain(gamma: np.ndarray, correlation_2: np.ndarray) -> np.ndarray:
-    """Information in one observation about f <= f*, nats, elementwise; see the head of this module."""
+    """Compute the information in one observation about f <= f*, nats, elementwise; see the head of this module."""
     ratio = np.exp(-0.5 * gamma**2 - _LOG_SQRT_2_PI - log_ndtr(gamma))
     shrinkage = np.clip(ratio * (gamma + ratio), 0.0, 1.0)  # 1 - Var[z | z <= gamma] of a standard normal z
     return np.asarray(-0.5 * np.log1p(-np.minimum(correlation_2, _MAX_CORRELATION_2) * shrinkage))
 
 
 def select_by_mes(pool: Pool, n: int, rng: np.random.Generator) -> list[tuple[int, float]]:
-    """Up to n rows of the pool, greedily by information gain given pending points and the batch so far.
+    """Select up to n rows of the pool, greedily by information gain given pending points and the batch so far.
 
     Returns (row, gain in nats) in the order of choice.
     """

@@ -107,13 +107,13 @@ class PromisedPosterior:
 
 
 def real_paths(surrogate: Surrogate, x: np.ndarray, n_paths: int, rng: np.random.Generator) -> np.ndarray:
-    """Joint posterior draws of the real outcome at m points `x` (m x 9): m x n_paths, N."""
+    """Draw from the joint posterior of the real outcome at m points `x` (m x 9): m x n_paths, N."""
     mean, covariance = surrogate.posterior(x, REAL)
     return mean[:, None] + draw_deviations(covariance, n_paths, rng)
 
 
 def draw_deviations(covariance: np.ndarray, n_paths: int, rng: np.random.Generator) -> np.ndarray:
-    """Zero-mean joint draws with this covariance (m x m, N^2, gets jitter in place): m x n_paths, N.
+    """Draw jointly with zero mean and this covariance (m x m, N^2, gets jitter in place): m x n_paths, N.
 
     Raises:
         FastError: the covariance stays singular even with jitter.
@@ -135,7 +135,7 @@ def draw_deviations(covariance: np.ndarray, n_paths: int, rng: np.random.Generat
 
 
 def _whitened(surrogate: Surrogate, points: np.ndarray, fidelities: list[int], pending: np.ndarray) -> np.ndarray:
-    """L^-1 K of every column; one triangular solve of the candidates serves both fidelities."""
+    """Compute L^-1 K of every column; one triangular solve of the candidates serves both fidelities."""
     cross = surrogate.whitened_cross(np.concatenate([points, pending[:, :-1]]))
     m, rho = len(points), surrogate.parameters.rho
     columns = [cross.at(np.full(m, s), rho, slice(m)) for s in fidelities]

@@ -40,7 +40,7 @@ class Situation:
 
 
 def select_by_rule(rule: str, pool: Pool, n: int, rng: np.random.Generator) -> list[tuple[int, float]]:
-    """Up to n rows of the pool by an acquisition function; what it chooses becomes pending.
+    """Select up to n rows of the pool by an acquisition function; what it chooses becomes pending.
 
     `rule` is the `module:function` that makes the acquisition function of (model, situation), or `mes`. One that cannot
     take pending points is made again on the model given their predicted outcomes.
@@ -91,7 +91,7 @@ def _make(rule: str, model: Model, situation: Situation) -> AcquisitionFunction:
 def _with_pending(
     acquisition: AcquisitionFunction, rule: str, model: Model, situation: Situation, waiting: Tensor
 ) -> AcquisitionFunction:
-    """The rule given the points under way, p x 10."""
+    """Give the rule the points under way, p x 10."""
     if not len(waiting):
         return acquisition
     try:
@@ -104,7 +104,7 @@ def _with_pending(
 
 
 def _values(acquisition: AcquisitionFunction, rule: str, candidates: Tensor) -> Tensor:
-    """Values of single candidates (m x 10), m.
+    """Compute the values of single candidates (m x 10), m.
 
     Raises:
         UsageError: the rule fails, or its values have another shape or are not numbers.

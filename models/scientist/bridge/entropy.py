@@ -59,7 +59,7 @@ class MaxValueEntropy(AcquisitionFunction):
 
     @t_batch_mode_transform(expected_q=1)
     def forward(self, X: Tensor) -> Tensor:
-        """Information gain at each of b points (b x 1 x 10), b."""
+        """Compute the information gain at each of b points (b x 1 x 10), b."""
         pending = self.X_pending.expand(*X.shape[:-2], *self.X_pending.shape)
         posterior = self.model.posterior(torch.cat([_as_real(X), X, pending], dim=-2))
         mean, covariance = posterior.mean[..., 0], posterior.distribution.covariance_matrix
@@ -73,7 +73,7 @@ class MaxValueEntropy(AcquisitionFunction):
         return truncation_gain(gamma, correlation_2.unsqueeze(-1)).mean(dim=-1)
 
     def _given_promises(self, mean: Tensor, covariance: Tensor) -> tuple[Tensor, Tensor]:
-        """Means of the real outcome path by path, b x n_paths, and the 2 x 2 covariances given the pending outcomes."""
+        """Compute path-by-path means of the real outcome, b x n_paths, and 2 x 2 covariances given pending outcomes."""
         promised = covariance[..., 2:, 2:] + torch.diag_embed(self._pending_noise)
         factor = torch.linalg.cholesky(promised)
         cross = torch.linalg.solve_triangular(factor, covariance[..., 2:, :2], upper=False)
@@ -83,7 +83,7 @@ class MaxValueEntropy(AcquisitionFunction):
 
 
 def truncation_gain(gamma: Tensor, correlation_2: Tensor) -> Tensor:
-    """Information in one observation about f <= f*, nats, elementwise (`models.scientist.acquisition.mes`)."""
+    """Compute an observation's information about f <= f*, nats, elementwise (`models.scientist.acquisition.mes`)."""
     log_density = -0.5 * gamma**2 - 0.5 * math.log(2.0 * math.pi)
     ratio = torch.exp(log_density - torch.special.log_ndtr(gamma))
     shrinkage = (ratio * (gamma + ratio)).clamp(0.0, 1.0)
@@ -91,7 +91,7 @@ def truncation_gain(gamma: Tensor, correlation_2: Tensor) -> Tensor:
 
 
 def _noise_at(model: Model, points: Tensor) -> Tensor:
-    """Variance of one observation around the outcome at `points` (p x 10), p, N^2."""
+    """Compute the variance of one observation around the outcome at `points` (p x 10), p, N^2."""
     if not len(points):
         return torch.zeros(0, dtype=torch.float64)
     noise = model.posterior(points, observation_noise=True).variance - model.posterior(points).variance

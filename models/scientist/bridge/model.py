@@ -77,7 +77,7 @@ class SurrogateModel(Model, FantasizeMixin):
         observation_noise: bool | Tensor = False,
         posterior_transform: Any = None,
     ) -> GPyTorchPosterior:
-        """Joint posterior of the outcomes at `X` (batch x q x 10); with `observation_noise` of observations of them.
+        """Return the joint posterior of outcomes at `X` (batch x q x 10); with `observation_noise` of observations.
 
         Raises:
             UsageError: X has another number of columns, or a fidelity that is neither 0 nor 1.
@@ -98,7 +98,7 @@ class SurrogateModel(Model, FantasizeMixin):
     def condition_on_observations(
         self, X: Tensor, Y: Tensor, noise: Tensor | None = None, **kwargs: Any
     ) -> "SurrogateModel":
-        """The model given outcomes `Y` (batch x p x 1, N) at `X` (batch x p x 10); `noise`: their variances, N^2."""
+        """Condition on outcomes `Y` (batch x p x 1, N) at `X` (batch x p x 10); `noise`: their variances, N^2."""
         self._check(X)
         y = Y[..., 0]
         variance = self._noise_at(X).expand(y.shape) if noise is None else noise[..., 0].expand(y.shape)
@@ -115,13 +115,13 @@ class SurrogateModel(Model, FantasizeMixin):
     def fantasize(
         self, X: Tensor, sampler: Any, observation_noise: Tensor | None = None, **kwargs: Any
     ) -> "SurrogateModel":
-        """The model given outcomes at `X` that `sampler` draws from its own posterior, one batch entry per draw."""
+        """Condition on outcomes at `X` that `sampler` draws from the model's own posterior, a batch entry per draw."""
         noise = True if observation_noise is None else observation_noise
         drawn = sampler(self.posterior(X, observation_noise=noise))
         return self.condition_on_observations(X, drawn)
 
     def _with_extra(self, X: Tensor) -> Tensor:
-        """X and the points of later outcomes in one set each."""
+        """Join X and the points of later outcomes in one set each."""
         if self._extra_x.shape[-2] == 0:
             return X
         batch = torch.broadcast_shapes(X.shape[:-2], self._extra_x.shape[:-2])
@@ -174,7 +174,7 @@ class _JointPosterior(torch.autograd.Function):
 
 
 def _joint(surrogate: Surrogate, points: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean (batch x q) and covariance (batch x q x q) at points (batch x q x 10)."""
+    """Compute the mean (batch x q) and covariance (batch x q x q) at points (batch x q x 10)."""
     sets = points.double().reshape(-1, *points.shape[-2:])
     parts = [_JointPosterior.apply(surrogate, part) for part in sets.split(_SETS_AT_ONCE)]
     mean, covariance = (torch.cat(column) for column in zip(*parts, strict=True))
@@ -182,7 +182,7 @@ def _joint(surrogate: Surrogate, points: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _condition(mean: Tensor, covariance: Tensor, q: int, y: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean and covariance of the first q outcomes given the others' noisy values `y`, with variances `noise`."""
+    """Condition mean and covariance of the first q outcomes on the others' noisy `y`, with variances `noise`."""
     factor = torch.linalg.cholesky(covariance[..., q:, q:] + torch.diag_embed(noise))
     cross = torch.linalg.solve_triangular(factor, covariance[..., q:, :q], upper=False)
     deviation = torch.linalg.solve_triangular(factor, (y - mean[..., q:]).unsqueeze(-1), upper=False)

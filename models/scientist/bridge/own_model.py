@@ -28,7 +28,7 @@ class OwnSurrogate:
         self.mean(data.x[:2], data.s[:2])
 
     def mean(self, x: np.ndarray, s: np.ndarray | int) -> np.ndarray:
-        """Predictive mean at m points `x` (m x 9) of fidelity `s`, m, N.
+        """Return the predictive mean at m points `x` (m x 9) of fidelity `s`, m, N.
 
         Raises:
             UsageError: the model's posterior has another shape, or is not finite.
@@ -49,7 +49,7 @@ class OwnSurrogate:
 
 
 def make_own_surrogate(name: str, data: ObservationSet, seed: int) -> OwnSurrogate:
-    """The model that the user's function `name` makes of (train_X, train_Y, train_Yvar).
+    """Make the model that the user's function `name` makes of (train_X, train_Y, train_Yvar).
 
     train_X: n x 10. train_Y: n x 1, N. train_Yvar: n x 1, the part of each variance that is known, N^2: that of
     imputed objects, 0 where every object has a value. `seed` is that of torch's draws.
@@ -70,7 +70,7 @@ def make_own_surrogate(name: str, data: ObservationSet, seed: int) -> OwnSurroga
 
 @contextmanager
 def own_draws(seed: int) -> Iterator[None]:
-    """Within, torch draws from `seed` and computes on one thread: the same numbers whatever ran before."""
+    """Make torch draw from `seed` and compute on one thread within: the same numbers whatever ran before."""
     import torch
 
     n_threads = torch.get_num_threads()

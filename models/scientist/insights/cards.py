@@ -61,7 +61,7 @@ class BatchCost(Record):
 
 
 def gap_card(one: Disagreement, campaign_id: str) -> Card:
-    """The simulator and the bench say different things of a parameter."""
+    """Say that the simulator and the bench say different things of a parameter."""
     name = spell_name(one.parameter)
     return Card(
         topic="gap",
@@ -76,7 +76,7 @@ def gap_card(one: Disagreement, campaign_id: str) -> Card:
 
 
 def effect_card(effect: Effect, best_n: float, n_tools: int, unit: str = "N") -> Card:
-    """A main effect."""
+    """Describe a main effect."""
     name = spell_name(effect.parameter)
     in_unit = unit_of(effect.parameter)
     if n_tools < LEAST_TOOLS:
@@ -96,7 +96,7 @@ def effect_card(effect: Effect, best_n: float, n_tools: int, unit: str = "N") ->
 
 
 def pair_card(pair: Pair, unit: str = "N") -> Card:
-    """Two parameters that change each other."""
+    """Describe two parameters that change each other."""
     first, second = spell_name(pair.first), spell_name(pair.second)
     return Card(
         topic="pair",
@@ -109,12 +109,12 @@ def pair_card(pair: Pair, unit: str = "N") -> Card:
 
 
 def list_that_matter(effects: Sequence[Effect]) -> list[Effect]:
-    """Those that surely have a part in the differences between fingers, the largest first."""
+    """List those that surely have a part in the differences between fingers, the largest first."""
     return [effect for effect in effects if effect.total.low >= MATTERS]
 
 
 def summary_card(effects: Sequence[Effect], n_tools: int) -> Card | None:
-    """Which parameters matter, in a sentence; None before there are tools enough."""
+    """Say which parameters matter, in a sentence; None before there are tools enough."""
     if n_tools < LEAST_TOOLS:
         return None
     matter = list_that_matter(effects)[:_N_NAMED]
@@ -132,7 +132,7 @@ def summary_card(effects: Sequence[Effect], n_tools: int) -> Card | None:
 
 
 def stop_card(outlook: Outlook, cost: BatchCost) -> Card:
-    """Whether another batch is worth it."""
+    """Say whether another batch is worth it."""
     sentence = (
         f"The chance that the next batch beats the best finger by {spell_share(outlook.margin)} is "
         f"{spell_chance(outlook.chance)}; in the median it adds {outlook.ahead[0].gain_n:.1f} N to "
@@ -150,7 +150,7 @@ def stop_card(outlook: Outlook, cost: BatchCost) -> Card:
 
 
 def night_card(outlook: Outlook) -> Card | None:
-    """What a night of simulations adds; None without a simulator."""
+    """Say what a night of simulations adds; None without a simulator."""
     if outlook.after_night is None:
         return None
     after, before = outlook.after_night, outlook.ahead[0]
@@ -182,7 +182,7 @@ _WORDS = {
 
 
 def simplest_card(one: Simpler) -> Card:
-    """A finger that is simpler than the best and as good."""
+    """Describe a finger that is simpler than the best and as good."""
     what, numbers, factor = _WORDS[one.criterion]
     return Card(
         topic="simplest",
@@ -196,7 +196,7 @@ def simplest_card(one: Simpler) -> Card:
 
 
 def say(interval: Interval) -> str:
-    """`5.1 [3.9, 6.2]`."""
+    """Write an interval as `5.1 [3.9, 6.2]`."""
     return f"{interval.middle:z.1f} [{interval.low:z.1f}, {interval.high:z.1f}]"
 
 

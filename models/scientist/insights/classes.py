@@ -42,7 +42,7 @@ def find_class_effects(
     grid: Grid,
     rng: np.random.Generator,
 ) -> list[ClassEffects]:
-    """Sizes of all effects for each class.
+    """Find the sizes of all effects for each class.
 
     known: values on all m objects. classes: of each of them. parameters: of the surrogate of the whole outcome.
     """
@@ -75,7 +75,7 @@ def find_class_effects(
 
 
 def _values(known: ObjectValues, classes: Sequence[str], name: str) -> np.ndarray:
-    """Mean of each design over the objects of a class, gaps filled from all objects, n."""
+    """Average each design over the objects of a class, gaps filled from all objects, n."""
     filled = np.zeros_like(known.values)
     for s in np.unique(known.s):
         rows = np.flatnonzero(known.s == s)
@@ -87,7 +87,7 @@ def _values(known: ObjectValues, classes: Sequence[str], name: str) -> np.ndarra
 
 
 def _bring(data: ObservationSet, p: SurrogateParameters) -> tuple[ObservationSet, dict[int, tuple[float, float]]]:
-    """The data with mean and spread of the whole outcome; and mean and factor of the way back, by fidelity."""
+    """Bring data to mean and spread of the whole outcome; give mean and factor of the way back, by fidelity."""
     y, scales = data.y.copy(), {}
     spreads = {SIM: np.hypot(p.sd_h, p.nugget), REAL: np.sqrt(p.rho**2 * p.sd_h**2 + p.sd_e**2 + p.noise_sd**2)}
     for s, whole_mean in ((SIM, p.mean_sim), (REAL, p.mean_real)):
@@ -100,7 +100,7 @@ def _bring(data: ObservationSet, p: SurrogateParameters) -> tuple[ObservationSet
 
 
 def _with_values(surrogate: Surrogate, data: ObservationSet) -> Surrogate:
-    """The surrogate with other outcomes of the same designs; the factor stays."""
+    """Return the surrogate with other outcomes of the same designs; the factor stays."""
     data = data.sims_first()
     p = surrogate.parameters
     means = np.where(data.s == SIM, p.mean_sim, p.mean_real)
@@ -109,7 +109,7 @@ def _with_values(surrogate: Surrogate, data: ObservationSet) -> Surrogate:
 
 
 def _ends(effects: Sequence[Effect], grid: Grid) -> np.ndarray:
-    """Some fingers with the worst and the best level of each effect, in this order."""
+    """Return some fingers with the worst and the best level of each effect, in this order."""
     names, few = list(grid.space.names), replace(grid, fingers=grid.fingers[:N_FINGERS])
     columns = [names.index(effect.parameter) for effect in effects]
     return np.concatenate(

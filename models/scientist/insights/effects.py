@@ -34,7 +34,7 @@ class Interval(Record):
 
     @classmethod
     def of(cls, values: np.ndarray) -> "Interval":
-        """Of one number in every world, n."""
+        """Make the interval of one number in every world, n."""
         low, middle, high = np.quantile(values, (QUANTILES[0], 0.5, QUANTILES[1]))
         return cls(middle=float(middle), low=float(low), high=float(high))
 
@@ -53,7 +53,7 @@ class Curve(Record):
 
     @classmethod
     def of(cls, values: np.ndarray) -> "Curve":
-        """Of k levels in n worlds, k x n."""
+        """Make the curve of k levels in n worlds, k x n."""
         low, high = np.quantile(values, QUANTILES, axis=1)
         return cls(mean=tuple(values.mean(axis=1).tolist()), low=tuple(low.tolist()), high=tuple(high.tolist()))
 
@@ -129,7 +129,7 @@ class Grid:
 
     @classmethod
     def of(cls, space: DesignSpace, rng: np.random.Generator, n_fingers: int = N_FINGERS) -> "Grid":
-        """A grid of fingers that keep the limits of the space."""
+        """Make a grid of fingers that keep the limits of the space."""
         levels = [
             np.linspace(0.0, 1.0, n if 0 < n <= 12 else N_LEVELS) if n != 1 else np.zeros(1) for n in space.n_levels
         ]
@@ -137,20 +137,20 @@ class Grid:
         return cls(space, _spread(space, n_fingers, rng), tuple(snapped))
 
     def with_level(self, changes: Sequence[tuple[int, float]]) -> np.ndarray:
-        """The fingers with some parameters (place, level) set."""
+        """Return the fingers with some parameters (place, level) set."""
         points = self.fingers.copy()
         for column, level in changes:
             points[:, column] = level
         return self.space.snap(points)
 
     def values(self, column: int) -> tuple[float, ...]:
-        """Levels of a parameter in its unit."""
+        """Return the levels of a parameter in its unit."""
         low, high = self.space.lower[column], self.space.upper[column]
         return tuple(float(round(low + level * (high - low), 5)) for level in self.levels[column])
 
 
 def find_effects(worlds: Worlds, space: DesignSpace, best: np.ndarray, grid: Grid) -> list[Effect]:
-    """Effects of all parameters that vary, the largest share of the variance first.
+    """Find the effects of all parameters that vary, the largest share of the variance first.
 
     best: unit-cube point of the best finger, d.
     """
@@ -187,7 +187,7 @@ def find_effects(worlds: Worlds, space: DesignSpace, best: np.ndarray, grid: Gri
 
 
 def sobol_indices(table: np.ndarray, is_stepped: bool) -> tuple[np.ndarray, np.ndarray]:
-    """First-order and total index of a parameter in every world, n each; table: levels x fingers x n.
+    """Compute first-order and total index of a parameter in every world, n each; table: levels x fingers x n.
 
     The variance within a finger is what the parameter does there; that of the mean over the fingers, less what is left
     of the former in a mean of so many, is what it does alone. Levels of a continuous parameter, evenly spaced, are
@@ -207,7 +207,7 @@ def sobol_indices(table: np.ndarray, is_stepped: bool) -> tuple[np.ndarray, np.n
 
 
 def find_pairs(worlds: Worlds, effects: Sequence[Effect], grid: Grid, n_drawn: int = 2) -> list[Pair]:
-    """Pairs of the `N_PAIRED` first effects, those that change each other most first.
+    """Find pairs of the `N_PAIRED` first effects, those that change each other most first.
 
     The first `n_drawn` have their grid.
     """
@@ -238,7 +238,7 @@ def find_pairs(worlds: Worlds, effects: Sequence[Effect], grid: Grid, n_drawn: i
 
 
 def find_disagreements(worlds: Worlds, effects: Sequence[Effect], grid: Grid) -> list[Disagreement]:
-    """Effects of which the simulator says something else than the bench, furthest apart first; none without both."""
+    """Find effects of which simulator and bench say different things, furthest apart first; none without both."""
     data = worlds.surrogate.data
     if not data.n_sim or not data.n_real:
         return []
@@ -265,7 +265,7 @@ def find_disagreements(worlds: Worlds, effects: Sequence[Effect], grid: Grid) ->
 
 
 def describe_shape(effect: Effect) -> str:
-    """The main effect in words: more is better, less is better, up to where, or best in the middle."""
+    """Describe the main effect in words: more is better, less is better, up to where, or best in the middle."""
     mean, levels = np.array(effect.main.mean), effect.levels
     best, worst = effect.best_level, effect.worst_level
     near = np.flatnonzero(mean >= mean[best] - _PLATEAU * (mean[best] - mean[worst]))
@@ -285,7 +285,7 @@ def describe_shape(effect: Effect) -> str:
 
 
 def _strength(pair: Pair) -> float:
-    """By what pairs are ordered: the change that is there in nine worlds of ten, then its middle."""
+    """Return what pairs are ordered by: the change that is there in nine worlds of ten, then its middle."""
     sure = max(pair.change.low, -pair.change.high, 0.0)
     return 1e3 * sure + abs(pair.change.middle)
 
@@ -308,7 +308,7 @@ def _with_grid(worlds: Worlds, pair: Pair, grid: Grid) -> Pair:
 
 
 def _count_needed(size: Interval, n_tools: int) -> int | None:
-    """Tools after which an interval of this width, that narrows with the square root of their number, leaves out 0."""
+    """Count the tools after which an interval this wide, narrowing with the root of their number, leaves out 0."""
     if size.is_sure or not size.middle:
         return None
     half = size.middle - size.low if size.middle > 0 else size.high - size.middle
@@ -329,7 +329,7 @@ def _column(space: DesignSpace, column: int, values: np.ndarray) -> np.ndarray:
 
 
 def _spread(space: DesignSpace, n: int, rng: np.random.Generator) -> np.ndarray:
-    """Fingers spread over the space, n x d: of Latin squares without limits, at random with them."""
+    """Spread fingers over the space, n x d: of Latin squares without limits, at random with them."""
     if space.limits:
         return space.random_unit(n, rng)
     strata = np.array([rng.permutation(n) for _ in range(space.n_dims)]).T

@@ -51,7 +51,7 @@ class HealthFacts(Record):
 
 
 def health_cards(facts: HealthFacts) -> tuple[Card, ...]:
-    """All cards that the facts allow, red ones first."""
+    """Make all cards that the facts allow, red ones first."""
     cards = [*surrogate_cards(facts.surrogate, facts.campaign_id)] if facts.surrogate is not None else []
     rules = (_repeats, _drift, _objects, _walls, _failures)
     cards += [card for card in (rule(facts) for rule in rules) if card is not None]
@@ -59,13 +59,13 @@ def health_cards(facts: HealthFacts) -> tuple[Card, ...]:
 
 
 def worst_of(cards: Sequence[Card]) -> Tone:
-    """Red where one is, else yellow where one is, else green."""
+    """Return red where one is, else yellow where one is, else green."""
     tones = {card.tone for card in cards}
     return "red" if "red" in tones else "yellow" if "yellow" in tones else "green"
 
 
 def surrogate_cards(health: SurrogateHealth, campaign_id: str) -> tuple[Card, ...]:
-    """What the surrogate's own errors say: of it, of the simulator, of prior campaigns."""
+    """Say what the surrogate's own errors say: of it, of the simulator, of prior campaigns."""
     rules = (_prediction, _confidence, _outliers)
     cards = [rule(health) for rule in rules] + [_simulator(health, campaign_id), _prior(health)]
     return tuple(card for card in cards if card is not None)

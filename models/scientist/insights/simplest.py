@@ -56,7 +56,7 @@ def find_simpler(
     default: Design | None = None,
     keep: Callable[[np.ndarray], np.ndarray] = lambda points: points,
 ) -> list[Simpler]:
-    """The simplest finger by each criterion, where one is simpler than the best (unit-cube point, d) and as good.
+    """Find the simplest finger by each criterion, if one is simpler than the best (unit-cube point, d) and as good.
 
     default: a known finger of the same family. keep: those of m points (m x d) that may be printed.
     """
@@ -94,7 +94,7 @@ def find_simpler(
 
 
 def name_criteria(space: DesignSpace, default: Design | None) -> tuple[str, ...]:
-    """Names of what fingers of a space can be simpler by: none has fewest ribs without ribs, or is nearest to None."""
+    """Name what fingers of a space can be simpler by: none has fewest ribs without ribs, or is nearest to None."""
     has = {
         FEWEST_RIBS: "rib_count" in space.names,
         MOST_TOLERANCE: any(name.endswith(_WALL) for name in space.names),
@@ -104,7 +104,7 @@ def name_criteria(space: DesignSpace, default: Design | None) -> tuple[str, ...]
 
 
 def criteria_of(surrogate: Surrogate, space: DesignSpace, default: Design | None) -> Mapping[str, Criterion]:
-    """Criteria by name, those of `name_criteria`."""
+    """Return criteria by name, those of `name_criteria`."""
     names = name_criteria(space, default)
     found: dict[str, Criterion] = {}
     if FEWEST_RIBS in names:
@@ -122,7 +122,7 @@ def criteria_of(surrogate: Surrogate, space: DesignSpace, default: Design | None
 
 
 def _lowest(criterion: Criterion, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Rows of the points (m x d) that are likely to be simplest: by a line through some, as a mass takes a while."""
+    """Find rows of the points (m x d) likely to be simplest: by a line through some, as a mass takes a while."""
     if len(points) <= _N_GUESSED + _N_LOWEST:
         return np.arange(len(points))
     some = rng.choice(len(points), _N_GUESSED, replace=False)
@@ -132,7 +132,7 @@ def _lowest(criterion: Criterion, points: np.ndarray, rng: np.random.Generator) 
 
 
 def _lost_to_print(surrogate: Surrogate, space: DesignSpace, columns: list[int], x: np.ndarray) -> np.ndarray:
-    """Share of the force that is lost when all walls and ribs come out too thin or too thick, the worse of both, m."""
+    """Compute the share of force lost when all walls and ribs come out too thin or too thick, the worse of both, m."""
     mean = surrogate.data.force_n(surrogate.mean(x, REAL))
     worst = mean
     for sign in (-1.0, 1.0):
@@ -145,7 +145,7 @@ def _lost_to_print(surrogate: Surrogate, space: DesignSpace, columns: list[int],
 
 
 def _shares(worlds: Worlds, points: np.ndarray, best: np.ndarray) -> np.ndarray:
-    """Force of m points over that of the best finger in each of n worlds, m x n."""
+    """Compute the force of m points over that of the best finger in each of n worlds, m x n."""
     forces_n = worlds.forces_n(np.concatenate([best[None], points]))
     return np.asarray(forces_n[1:] / np.maximum(forces_n[0], 1e-9))
 

@@ -168,7 +168,7 @@ def _rehearse(
     first: np.ndarray | None = None,
     told: Sequence[int] = (),
 ) -> np.ndarray:
-    """Best force so far in every world before the first batch and after each, (n_ahead + 1) x n, N.
+    """Rehearse the best force so far in every world before the first batch and after each, (n_ahead + 1) x n, N.
 
     first: rows of the first batch, if it is not chosen. told: rows that the learner is told before it.
     """
@@ -197,14 +197,14 @@ class _Learner:
         self._told: list[float] = []
 
     def learn(self, rows: Sequence[int]) -> None:
-        """Be told outcomes of the world, with noise."""
+        """Learn outcomes of the world that it is told, with noise."""
         rows = [int(row) for row in rows]
         noise = self._stage.noise_sd[rows] * self._rng.normal(size=len(rows))
         self._told += (self._stage.worlds[rows, self._world] + noise).tolist()
         self._rows += rows
 
     def choose(self, first_free: int, n: int) -> list[int]:
-        """N designs: the best of functions drawn, brought into line with what was told, and the best predicted."""
+        """Choose n designs: the best of functions drawn, in line with what was told, and the best predicted."""
         stage = self._stage
         drawn = self._rng.choice(stage.draws.shape[1], n, replace=n > stage.draws.shape[1])
         draws = np.column_stack([stage.mean, stage.draws[:, drawn]])

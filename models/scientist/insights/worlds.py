@@ -59,7 +59,7 @@ class _Prior:
         return cls(frequencies, scale * rng.normal(size=(2 * _N_FREQUENCIES, n)))
 
     def at(self, x: np.ndarray) -> np.ndarray:
-        """Values at m points, m x n."""
+        """Return the values at m points, m x n."""
         phase = (x @ self.frequencies.T).astype(np.float32)  # cosines at a quarter of the time, right to a millionth
         features = np.empty((len(x), 2 * _N_FREQUENCIES), dtype=np.float32)
         np.cos(phase, out=features[:, :_N_FREQUENCIES])
@@ -98,16 +98,16 @@ class Worlds:
         return sum(group.n for group in self.groups)
 
     def at(self, x: np.ndarray) -> Outcomes:
-        """What the worlds say of m points (m x d), without noise."""
+        """Return what the worlds say of m points (m x d), without noise."""
         told = [group.at(x, self.widen) for group in self.groups]
         return Outcomes(*(np.concatenate(part, axis=1) for part in zip(*told, strict=True)))
 
     def forces_n(self, x: np.ndarray) -> np.ndarray:
-        """Measured outcome of m points in every world, m x n, in N (or the unit of the outcome)."""
+        """Return the measured outcome of m points in every world, m x n, in N (or the unit of the outcome)."""
         return self.surrogate.data.force_n(self.at(x).real)
 
     def simulated_n(self, x: np.ndarray) -> np.ndarray:
-        """Simulated outcome of m points in every world, m x n, in N."""
+        """Return the simulated outcome of m points in every world, m x n, in N."""
         return self.surrogate.data.force_n(self.at(x).sim)
 
 
@@ -147,7 +147,7 @@ class _Group:
         return Outcomes(mean[REAL] + apart[REAL], mean[SIM] + apart[SIM])
 
     def _block(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean (2 x m x 1), and how far each world is from it (2 x m x n), simulated first."""
+        """Return the mean (2 x m x 1), and how far each world is from it (2 x m x n), simulated first."""
         p, data = self.surrogate.parameters, self.surrogate.data
         of_h, of_e = loadings(p, data.s)
         h = matern52(x, data.x, np.array(p.lengthscales_h), p.sd_h) @ (of_h[:, None] * self.weights)
@@ -159,7 +159,7 @@ class _Group:
 
 
 def widening(surrogate: Surrogate) -> float:
-    """By which factor measured tools, each predicted from the others, lie further off than the surrogate says; >= 1.
+    """Find by which factor measured tools, each predicted from the others, are further off than the model says; >= 1.
 
     The nine tenths of the standardised errors that are smallest end at 1.64 where the surrogate is right. Parameters of
     the surrogate were fitted with the left-out tool, so that few tools look better than they are: the factor
@@ -175,7 +175,7 @@ def widening(surrogate: Surrogate) -> float:
 
 
 def _own_of_priors(p: SurrogateParameters, data: ObservationSet, n: int, rng: np.random.Generator) -> np.ndarray:
-    """What the tools of each prior campaign have of their own (`PriorLink`), drawn at the data, n_data x n."""
+    """Draw what the tools of each prior campaign have of their own (`PriorLink`), at the data, n_data x n."""
     own = np.zeros((len(data), n))
     for place, link in enumerate(p.priors):
         rows = np.flatnonzero(data.s == REAL + 1 + place)
@@ -186,7 +186,7 @@ def _own_of_priors(p: SurrogateParameters, data: ObservationSet, n: int, rng: np
 
 
 def draw_parameters(surrogate: Surrogate, n: int, rng: np.random.Generator) -> list[SurrogateParameters]:
-    """N draws of the parameters around those of the fit: how well the data know them.
+    """Draw n times the parameters around those of the fit: how well the data know them.
 
     The log posterior is taken as a parabola around its top (Laplace's approximation; Rasmussen and Williams, 3.4). Its
     curvature is found from differences of the gradient, on a subset of the simulations where there are many: fewer data
@@ -212,7 +212,7 @@ def draw_parameters(surrogate: Surrogate, n: int, rng: np.random.Generator) -> l
 
 
 def _curvature(top: Vector, data: ObservationSet) -> np.ndarray:
-    """Second derivatives of the log posterior at its top, square."""
+    """Return the second derivatives of the log posterior at its top, square."""
     rows = []
     for column in range(len(top.values)):
         step = np.zeros_like(top.values)
@@ -224,7 +224,7 @@ def _curvature(top: Vector, data: ObservationSet) -> np.ndarray:
 
 
 def _thin(data: ObservationSet, rng: np.random.Generator) -> ObservationSet:
-    """What was measured, and so many of the simulations that there are `SUBSET_SIZE` at most."""
+    """Keep what was measured, and so many of the simulations that there are `SUBSET_SIZE` at most."""
     sim = np.flatnonzero(data.s == SIM)
     n_left = max(SUBSET_SIZE - (len(data) - len(sim)), 0)
     kept = sim if len(sim) <= n_left else np.sort(rng.choice(sim, n_left, replace=False))

@@ -42,7 +42,7 @@ def fit_surrogate(data: ObservationSet, previous: SurrogateParameters | None = N
 
 
 def refit_without(surrogate: Surrogate, rows: np.ndarray) -> Surrogate:
-    """The surrogate as it were without these rows of its data: fitted to the others, from its parameters on."""
+    """Refit the surrogate as it were without these rows of its data: to the others, from its parameters on."""
     with one_blas_thread():
         data = surrogate.data.take(np.setdiff1d(np.arange(len(surrogate.data)), rows))
         units = Standardisation.of(data)
@@ -52,7 +52,7 @@ def refit_without(surrogate: Surrogate, rows: np.ndarray) -> Surrogate:
 
 
 def trust_prior(surrogate: Surrogate, seed: int = 0) -> Surrogate:
-    """The surrogate, or one fitted without prior campaigns where that predicts the own measurements better.
+    """Return the surrogate, or one fitted without prior campaigns if that predicts the own measurements better.
 
     Compared as in `trust_simulations`. What prior campaigns say of something else costs little so: they share
     lengthscales and noise with the own data, whatever their correlation is.
@@ -64,7 +64,7 @@ def trust_prior(surrogate: Surrogate, seed: int = 0) -> Surrogate:
 
 
 def trust_simulations(surrogate: Surrogate, seed: int = 0) -> Surrogate:
-    """The surrogate, or one fitted to the measurements alone where that predicts each of them better from the others.
+    """Return the surrogate, or one fitted to measurements alone where that predicts each better from the others.
 
     Compared is the sum of the logarithms of leave-one-out densities at measured designs. A simulator that misleads is
     so left aside for the choice that is at hand.
@@ -80,7 +80,7 @@ def _better(surrogate: Surrogate, without: Surrogate) -> Surrogate:
 
 
 def _left_out_density(surrogate: Surrogate) -> float:
-    """Sum over measured designs of the log density of each given all others."""
+    """Sum over measured designs the log density of each given all others."""
     loo, is_real = surrogate.leave_one_out(), surrogate.data.s == REAL
     away = (surrogate.data.y - loo.mean)[is_real] / loo.sd[is_real]
     return float(np.sum(-0.5 * away**2 - np.log(loo.sd[is_real])))
@@ -115,7 +115,7 @@ def _cold_starts(data: ObservationSet, rng: np.random.Generator) -> list[Vector]
 
 
 def _subset(data: ObservationSet, rng: np.random.Generator) -> np.ndarray:
-    """Rows, in order: up to half of the subset measured, the rest simulated, each drawn at random."""
+    """Draw rows, in order: up to half of the subset measured, the rest simulated, each at random."""
     real, sim = np.flatnonzero(data.s != SIM), np.flatnonzero(data.s == SIM)
     n_real = min(len(real), max(SUBSET_SIZE // 2, SUBSET_SIZE - len(sim)))
     n_sim = min(len(sim), SUBSET_SIZE - n_real)
@@ -124,7 +124,7 @@ def _subset(data: ObservationSet, rng: np.random.Generator) -> np.ndarray:
 
 
 def _climb(start: Vector, data: ObservationSet, max_iterations: int) -> tuple[Vector, float]:
-    """L-BFGS on the log posterior within the box; returns the best vector and its value."""
+    """Run L-BFGS on the log posterior within the box; returns the best vector and its value."""
 
     def objective(values: np.ndarray) -> tuple[float, np.ndarray]:
         value, gradient = log_posterior(Vector(values, start.n_prior), data)

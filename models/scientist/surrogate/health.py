@@ -69,12 +69,12 @@ class SurrogateHealth(Record):
 
 
 def is_overconfident(coverage_90: float, n: int) -> bool:
-    """Whether so few of n observations lie in their 90 % interval that chance explains it in under 1 % of cases."""
+    """Return whether so few of n observations lie in their 90 % interval that chance explains it in < 1 % of cases."""
     return bool(bdtr(round(coverage_90 * n), n, LEAST_COVERAGE) < MOST_OUTSIDE_P)
 
 
 def health_of(surrogate: Surrogate) -> SurrogateHealth:
-    """The health card; costs a fit to the measurements alone, and those of `predict_left_out`."""
+    """Return the health card; costs a fit to the measurements alone, and those of `predict_left_out`."""
     loo, p, data = surrogate.leave_one_out(), surrogate.parameters, surrogate.data
     real, sim = _fidelity(surrogate, predict_left_out(surrogate), REAL), _fidelity(surrogate, loo, SIM)
     shared = p.rho**2 * p.sd_h**2
@@ -97,7 +97,7 @@ def health_of(surrogate: Surrogate) -> SurrogateHealth:
 
 
 def predict_left_out(surrogate: Surrogate) -> LeaveOneOut:
-    """Prediction of each measured design by a surrogate fitted without it, lengthscales and noise included, n.
+    """Predict each measured design by a surrogate fitted without it, lengthscales and noise included, n.
 
     Up to `N_GROUPS` designs are left out one by one, more in as many groups. With the parameters of all, which know the
     design that is left out, twelve tools look predicted to two thirds of the error that new ones have; they are taken
@@ -117,13 +117,13 @@ def predict_left_out(surrogate: Surrogate) -> LeaveOneOut:
 
 
 def _outliers(surrogate: Surrogate, loo: LeaveOneOut) -> np.ndarray:
-    """Which observations are measured and far from their prediction with the parameters of all, n."""
+    """Tell which observations are measured and far from their prediction with the parameters of all, n."""
     far = np.abs(surrogate.data.y - loo.mean) > OUTLIER_SD * loo.sd
     return np.asarray(far & (surrogate.data.s == REAL))
 
 
 def _rmse_alone_n(data: ObservationSet, n_others: int, kept: ObservationSet) -> float | None:
-    """Leave-one-out error of a fit to those observations that are kept; None without others, or of too few tools."""
+    """Return the leave-one-out error of a fit to the kept observations; None without others, or of too few tools."""
     if n_others == 0 or data.n_real < MIN_OBSERVATIONS:
         return None
     alone = fit_surrogate(kept)
@@ -131,7 +131,7 @@ def _rmse_alone_n(data: ObservationSet, n_others: int, kept: ObservationSet) -> 
 
 
 def _fidelity(surrogate: Surrogate, loo: LeaveOneOut, fidelity: int) -> tuple[float | None, float | None, float | None]:
-    """Root mean square error (N), coverage and Q2 of the observations of one fidelity."""
+    """Return root mean square error (N), coverage and Q2 of the observations of one fidelity."""
     rows = surrogate.data.s == fidelity
     if np.count_nonzero(rows) < 2:
         return None, None, None

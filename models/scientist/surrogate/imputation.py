@@ -30,7 +30,7 @@ class Filled(NamedTuple):
 
 
 def mean_over_objects(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean value of each design and the extra variance that its missing objects cause.
+    """Return the mean value of each design and the extra variance that its missing objects cause.
 
     values: n designs x n_objects of one fidelity, N, NaN where missing. Returns n (N) and n (N^2). An object that no
     design has is left out of every mean: that only shifts all designs alike, and the surrogate centres each fidelity.
@@ -50,7 +50,7 @@ def mean_over_objects(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def fill_objects(values: np.ndarray) -> Filled:
-    """The values with each gap at its mean given the other objects of the design; see `mean_over_objects`.
+    """Fill each gap in the values with its mean given the other objects of the design; see `mean_over_objects`.
 
     Raises:
         UsageError: not an n x n_objects array, or a design has no result at all.
@@ -98,7 +98,7 @@ class _Gaps(NamedTuple):
 
 
 def _standard_deviations(values: np.ndarray, present: np.ndarray) -> np.ndarray:
-    """Of each object over the designs that have it (m); one that is seen once, or never differs, takes the average."""
+    """Return those of each object over its designs (m); one that is seen once, or never differs, takes the average."""
     counts = present.sum(axis=0)
     squares = np.where(present, (values - np.nanmean(values, axis=0)) ** 2, 0.0).sum(axis=0)
     variances = squares / np.maximum(counts - 1, 1)
@@ -108,7 +108,7 @@ def _standard_deviations(values: np.ndarray, present: np.ndarray) -> np.ndarray:
 
 
 def _estimate(standard: np.ndarray, gaps: _Gaps) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (m) and covariance (m x m) of standardised values (n x m) with gaps."""
+    """Estimate the mean (m) and covariance (m x m) of standardised values (n x m) with gaps."""
     n, m = standard.shape
     weight, mean = _SHARE_OF_OBJECTS * m, np.zeros(m)
     covariance = _with_one_correlation(m, 0.5)
@@ -133,7 +133,7 @@ def _with_one_correlation(m: int, correlation: float) -> np.ndarray:
 
 
 def _predict(covariance: np.ndarray, has: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weights (present x missing) of the present objects for the missing ones, and the covariance that is left."""
+    """Return weights (present x missing) of the present objects for the missing ones, and the covariance left."""
     across = covariance[np.ix_(has, ~has)]
     weights = np.linalg.solve(covariance[np.ix_(has, has)], across)
     return weights, covariance[np.ix_(~has, ~has)] - across.T @ weights

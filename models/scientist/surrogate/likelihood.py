@@ -19,7 +19,7 @@ from fast.models.scientist.surrogate.parameters import Vector, log_prior
 
 
 def log_posterior(vector: Vector, data: ObservationSet) -> tuple[float, np.ndarray]:
-    """Value and gradient (2 d + 5 + n_prior) of the log posterior of standardised `data` with the sims first.
+    """Compute value and gradient (2 d + 5 + n_prior) of the log posterior of standardised `data` with the sims first.
 
     The value is minus infinity (gradient zero) where the covariance is numerically singular.
     """
@@ -45,20 +45,20 @@ def log_posterior(vector: Vector, data: ObservationSet) -> tuple[float, np.ndarr
 
 
 def _prior_rows(vector: Vector, data: ObservationSet) -> list[tuple[slice, float]]:
-    """Rows of each prior campaign, and its correlation; the data are in the order of their fidelities."""
+    """Return the rows of each prior campaign, and its correlation; the data are in the order of their fidelities."""
     ends = np.searchsorted(data.s, np.arange(FIRST_PRIOR, FIRST_PRIOR + vector.n_prior + 1))
     pairs = zip(ends[:-1].tolist(), ends[1:].tolist(), vector.correlations.tolist(), strict=True)
     return [(slice(start, end), correlation) for start, end, correlation in pairs]
 
 
 def _block(of_measured: np.ndarray, rows: slice, n_sim: int) -> np.ndarray:
-    """The rows and columns of a matrix over the measured observations."""
+    """Return the rows and columns of a matrix over the measured observations."""
     inside = slice(rows.start - n_sim, rows.stop - n_sim)
     return of_measured[inside, inside]
 
 
 def _shared(of_measured: np.ndarray, share: np.ndarray, vector: Vector) -> np.ndarray:
-    """A matrix over the measured observations times what each pair has in common; itself without prior campaigns."""
+    """Multiply a matrix over measured observations by what each pair shares; itself without prior campaigns."""
     return of_measured * (share[:, None] * share[None, :]) if vector.n_prior else of_measured
 
 
@@ -71,7 +71,7 @@ def _gradient(
     e: MaternWithSlope,
     W: np.ndarray,
 ) -> np.ndarray:
-    """<W, dK> for every entry of the vector form; overwrites `W`."""
+    """Compute <W, dK> for every entry of the vector form; overwrites `W`."""
     d, n_sim = vector.n_dims, data.n_sim
     sd_h, sd_e, nugget, noise, rho = range(2 * d, 2 * d + 5)
     measured_share = share[n_sim:]

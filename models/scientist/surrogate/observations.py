@@ -79,16 +79,16 @@ class ObservationSet:
         return max(int(self.s.max(initial=REAL)) - REAL, 0)
 
     def of_this_campaign(self) -> "ObservationSet":
-        """The observations without those of prior campaigns."""
+        """Return the observations without those of prior campaigns."""
         return self.take(self.s <= REAL) if self.n_prior else self
 
     def take(self, rows: np.ndarray) -> "ObservationSet":
-        """The observations with these row numbers (or mask), in that order."""
+        """Take the observations with these row numbers (or mask), in that order."""
         parts = {name: getattr(self, name)[rows] for name in ("x", "s", "y", "noise_variance")}
         return replace(self, **parts)
 
     def in_logs(self) -> "ObservationSet":
-        """The same observations as ln(1 + force / 1 N); a force below zero counts as zero.
+        """Return the same observations as ln(1 + force / 1 N); a force below zero counts as zero.
 
         What a simulator lacks changes forces by factors, and so does another print: on logarithms these are sums.
         """
@@ -97,11 +97,11 @@ class ObservationSet:
         return replace(self, y=y, noise_variance=self.noise_variance * slope**2, is_log=True)
 
     def force_n(self, y: np.ndarray) -> np.ndarray:
-        """Values in the units of `y` as forces, N."""
+        """Return values in the units of `y` as forces, N."""
         return np.asarray(LOG_UNIT_N * np.expm1(y)) if self.is_log else y
 
     def sims_first(self) -> "ObservationSet":
-        """The same observations with the simulated ones first: the discrepancy then fills one block."""
+        """Put the simulated ones of the observations first: the discrepancy then fills one block."""
         return self.take(np.argsort(self.s, kind="stable"))
 
 
@@ -117,5 +117,5 @@ class ObjectValues:
     values: np.ndarray
 
     def take(self, rows: np.ndarray) -> "ObjectValues":
-        """The designs with these row numbers (or mask)."""
+        """Take the designs with these row numbers (or mask)."""
         return ObjectValues(self.x[rows], self.s[rows], self.values[rows])

@@ -68,7 +68,7 @@ class Standardisation:
 
     @staticmethod
     def of(data: ObservationSet) -> "Standardisation":
-        """Mean and standard deviation per fidelity; a fidelity without data borrows another's."""
+        """Find mean and standard deviation per fidelity; a fidelity without data borrows another's."""
         sim, real = data.y[data.s == SIM], data.y[data.s == REAL]
         priors = [data.y[data.s == FIRST_PRIOR + place] for place in range(data.n_prior_campaigns)]
         if not sim.size and not real.size:
@@ -83,7 +83,7 @@ class Standardisation:
         )
 
     def apply(self, data: ObservationSet) -> ObservationSet:
-        """The same observations with zero mean and unit spread per fidelity (dimensionless)."""
+        """Return the same observations with zero mean and unit spread per fidelity (dimensionless)."""
         mean = np.array([self.mean_sim, self.mean_real, *self.mean_prior])[data.s.astype(int)]
         scale = np.array([self.scale_sim, self.scale_real, *self.scale_prior])[data.s.astype(int)]
         return replace(data, y=(data.y - mean) / scale, noise_variance=data.noise_variance / scale**2)
@@ -130,7 +130,7 @@ class Vector:
         return self.values[2 * self.n_dims + 5 :]
 
     def to_parameters(self, units: Standardisation) -> SurrogateParameters:
-        """The same parameters in N."""
+        """Return the same parameters in N."""
         sd_h, sd_e, nugget, noise_sd = self.sds.tolist()
         return SurrogateParameters(
             rho=self.rho * units.scale_real / units.scale_sim,
@@ -152,7 +152,7 @@ class Vector:
 
     @staticmethod
     def from_parameters(parameters: SurrogateParameters, units: Standardisation) -> "Vector":
-        """Inverse of `to_parameters`, clipped to the optimiser's box; `units` may come from newer data."""
+        """Invert `to_parameters`, clipped to the optimiser's box; `units` may come from newer data."""
         sds = np.array([parameters.sd_h, parameters.sd_e, parameters.nugget, parameters.noise_sd])
         sds /= [units.scale_sim, units.scale_real, units.scale_sim, units.scale_real]
         logs = np.log([*parameters.lengthscales_h, *parameters.lengthscales_e, *sds])
@@ -178,14 +178,14 @@ _CORRELATION_BOX = (0.0, 0.999)
 
 
 def bounds(n_dims: int, n_prior: int = 0) -> list[tuple[float, float]]:
-    """Box of the optimiser for the vector form, 2 d + 5 + n_prior pairs."""
+    """Return the box of the optimiser for the vector form, 2 d + 5 + n_prior pairs."""
     rows = [_LENGTHSCALE] * (2 * n_dims) + list(_SDS)
     logs = [(float(np.log(low)), float(np.log(high))) for _, _, low, high in rows]
     return [*logs, _RHO_BOX, *[_CORRELATION_BOX] * n_prior]
 
 
 def prior_mode(n_dims: int, n_prior: int = 0) -> Vector:
-    """The vector with the largest prior density: every median, and the means of rho and the correlations."""
+    """Return the vector with the largest prior density: all medians, and the means of rho and the correlations."""
     return Vector(_prior_moments(n_dims, n_prior)[0], n_prior)
 
 

@@ -28,7 +28,7 @@ class WhitenedCross(NamedTuple):
     e: np.ndarray
 
     def at(self, s: np.ndarray, rho: float, columns: slice = slice(None)) -> np.ndarray:
-        """L^-1 K(data, (x, s)) of these columns, whose fidelities are `s`."""
+        """Compute L^-1 K(data, (x, s)) of these columns, whose fidelities are `s`."""
         return self.h[:, columns] * np.where(s == REAL, rho, 1.0) + self.e[:, columns] * s
 
 
@@ -80,12 +80,12 @@ class Surrogate:
         )
 
     def updated(self, data: ObservationSet) -> "Surrogate":
-        """The same parameters conditioned on other (usually more) observations: what an asynchronous loop needs."""
+        """Condition the same parameters on other (usually more) observations: what an asynchronous loop needs."""
         with one_blas_thread():
             return Surrogate.condition(data, self.parameters)
 
     def mean(self, x: np.ndarray, s: np.ndarray | int) -> np.ndarray:
-        """Predictive mean at m points `x` (m x 9) of fidelity `s`, m, N (Eq. 5)."""
+        """Predict the mean at m points `x` (m x 9) of fidelity `s`, m, N (Eq. 5)."""
         p, fidelity = self.parameters, np.broadcast_to(s, len(x))
         n_sim = self.data.n_sim
         weights = self.weights * self._loading_h
@@ -94,7 +94,7 @@ class Surrogate:
         return mean + _means(p, fidelity)
 
     def posterior(self, x: np.ndarray, s: np.ndarray | int) -> tuple[np.ndarray, np.ndarray]:
-        """Joint posterior of the noise-free outcome at `x` (m x 9) of fidelity `s` (Eq. 5-6).
+        """Compute the joint posterior of the noise-free outcome at `x` (m x 9) of fidelity `s` (Eq. 5-6).
 
         Returns the mean (m, N) and the covariance (m x m, N^2).
         """
@@ -104,14 +104,14 @@ class Surrogate:
         return self.mean(x, fidelity), 0.5 * (covariance + covariance.T)
 
     def predict(self, x: np.ndarray, s: np.ndarray | int) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and standard deviation of the noise-free outcome at each point, m each, N (Eq. 5-6)."""
+        """Predict mean and standard deviation of the noise-free outcome at each point, m each, N (Eq. 5-6)."""
         fidelity = np.broadcast_to(s, len(x))
         A = self.whitened(x, fidelity)
         variance = prior_variance(self.parameters, fidelity) - np.einsum("ij,ij->j", A, A)
         return self.mean(x, fidelity), np.sqrt(np.maximum(variance, 0.0))
 
     def whitened_cross(self, x: np.ndarray) -> WhitenedCross:
-        """L^-1 K(data, x) per process; with the sims first, the discrepancy needs only the real block of L."""
+        """Compute L^-1 K(data, x) per process; with the sims first, the discrepancy needs only L's real block."""
         n_sim = self.data.n_sim
         cross = self._cross_h(x) * self._loading_h[:, None]
         h = solve_triangular(self.factor, cross, lower=True, check_finite=False)
@@ -121,11 +121,11 @@ class Surrogate:
         return WhitenedCross(h, e)
 
     def whitened(self, x: np.ndarray, s: np.ndarray) -> np.ndarray:
-        """L^-1 K(data, (x, s)), n x m: the covariance explained by the data is its Gram matrix."""
+        """Compute L^-1 K(data, (x, s)), n x m: the covariance explained by the data is its Gram matrix."""
         return self.whitened_cross(x).at(s, self.parameters.rho)
 
     def leave_one_out(self) -> LeaveOneOut:
-        """Closed-form leave-one-out predictions (Rasmussen and Williams, Eq. 5.12), noise included in the sd.
+        """Compute closed-form leave-one-out predictions (Rasmussen and Williams, Eq. 5.12), noise included in the sd.
 
         The centring constants and the parameters are not refitted without the left-out observation.
         """
@@ -151,13 +151,13 @@ class Surrogate:
 
 
 def shares(parameters: SurrogateParameters, s: np.ndarray) -> np.ndarray:
-    """How much of the outcome of these fidelities is that of this campaign: 1, or gain times correlation of a prior."""
+    """Return the part of these fidelities' outcome that is this campaign's: 1, or gain times correlation of a prior."""
     priors = [link.gain * link.correlation for link in parameters.priors]
     return np.asarray(np.array([1.0, 1.0, *priors])[np.asarray(s, dtype=int)])
 
 
 def loadings(parameters: SurrogateParameters, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What the processes h and eps are multiplied with in the outcome of these fidelities, n each."""
+    """Return what the processes h and eps are multiplied with in the outcome of these fidelities, n each."""
     share = shares(parameters, s)
     return np.where(s == SIM, 1.0, parameters.rho) * share, np.where(s == SIM, 0.0, share)
 
@@ -165,7 +165,7 @@ def loadings(parameters: SurrogateParameters, s: np.ndarray) -> tuple[np.ndarray
 def prior_covariance(
     parameters: SurrogateParameters, x1: np.ndarray, s1: np.ndarray, x2: np.ndarray, s2: np.ndarray
 ) -> np.ndarray:
-    """Covariance of the outcomes before any data, n x m, N^2 (Eq. 3 of the FAST paper, and `PriorLink`)."""
+    """Compute the covariance of outcomes before any data, n x m, N^2 (Eq. 3 of the FAST paper, and `PriorLink`)."""
     (h1, e1), (h2, e2) = loadings(parameters, s1), loadings(parameters, s2)
     K = matern52(x1, x2, np.array(parameters.lengthscales_h), parameters.sd_h)
     K *= h1[:, None]
@@ -183,20 +183,20 @@ def prior_covariance(
 
 
 def _measured_covariance(parameters: SurrogateParameters, x1: np.ndarray, x2: np.ndarray) -> np.ndarray:
-    """Covariance of this campaign's measured outcome, n x m, N^2."""
+    """Compute the covariance of this campaign's measured outcome, n x m, N^2."""
     p = parameters
     h = matern52(x1, x2, np.array(p.lengthscales_h), p.sd_h)
     return p.rho**2 * h + matern52(x1, x2, np.array(p.lengthscales_e), p.sd_e)
 
 
 def prior_variance(parameters: SurrogateParameters, s: np.ndarray) -> np.ndarray:
-    """Diagonal of `prior_covariance` of what this campaign simulates and measures, n."""
+    """Return the diagonal of `prior_covariance` of what this campaign simulates and measures, n."""
     p = parameters
     return np.where(s == REAL, p.rho**2 * p.sd_h**2 + p.sd_e**2, p.sd_h**2)
 
 
 def observation_variance(parameters: SurrogateParameters, s: np.ndarray) -> np.ndarray:
-    """Variance of one observation around the outcome: noise for measurements, nugget for simulations, n, N^2."""
+    """Return the variance of one observation around the outcome: measurements' noise, simulations' nugget, n, N^2."""
     noise_sd = parameters.noise_sd
     sds = [parameters.nugget, noise_sd, *(link.gain * noise_sd for link in parameters.priors)]
     return np.asarray(np.array(sds)[np.asarray(s, dtype=int)] ** 2)
@@ -210,7 +210,7 @@ def _means(parameters: SurrogateParameters, s: np.ndarray) -> np.ndarray:
 def pull_back(
     surrogate: Surrogate, x: np.ndarray, s: np.ndarray, mean_weights: np.ndarray, covariance_weights: np.ndarray
 ) -> np.ndarray:
-    """Gradient of sum(mean_weights * mean) + sum(covariance_weights * covariance) with respect to `x`, b x q x 9.
+    """Compute the gradient of sum(mean_weights * mean) + sum(covariance_weights * covariance) by `x`, b x q x 9.
 
     x: b x q x 9, b sets of q points of fidelity `s` (b x q), each with its joint posterior. mean_weights: b x q.
     covariance_weights: b x q x q.
@@ -230,7 +230,7 @@ def pull_back(
 def _through_covariance(
     surrogate: Surrogate, x1: np.ndarray, s1: np.ndarray, x2: np.ndarray, s2: np.ndarray, weights: np.ndarray
 ) -> np.ndarray:
-    """Gradient of sum(weights * covariance of (x1, s1) with (x2, s2)) with respect to the second points, m x 9."""
+    """Compute the gradient of sum(weights * covariance of (x1, s1) with (x2, s2)) by the second points, m x 9."""
     p = surrogate.parameters
     (h1, e1), (h2, e2) = loadings(p, s1), loadings(p, s2)
     gradient = np.zeros_like(x2)

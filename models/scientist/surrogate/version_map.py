@@ -23,7 +23,7 @@ class VersionMap:
     spread_n2: float
 
     def apply(self, old_n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Forces of the newer version for those of the older, n each: N, and the variance of the prediction in N^2.
+        """Map forces of the older version to those of the newer, n each: N, and the prediction's variance in N^2.
 
         s^2 (1 + 1/n + (x - centre)^2 / spread), the variance of a new observation of simple linear regression; the
         errors of several designs are taken as independent.
@@ -34,7 +34,7 @@ class VersionMap:
 
 
 def fit_version_map(old_n: np.ndarray, new_n: np.ndarray) -> VersionMap | None:
-    """Least-squares line through the forces (n each, N) of designs that both versions have simulated.
+    """Fit a least-squares line through the forces (n each, N) of designs that both versions have simulated.
 
     None when there are fewer than `LEAST_SHARED` designs, or their old forces are all alike.
     """

@@ -88,7 +88,7 @@ class ElasticBody:
         n_axial_points: int = 3,
         factors: Sequence[np.ndarray] | None = None,
     ) -> None:
-        """`nodes` (n, 3): the undeformed mesh in the frame of the calculation (a rotation of the finger frame).
+        """Take `nodes` (n, 3): the undeformed mesh in the frame of the calculation (the finger frame, rotated).
 
         `n_axial_points`: see `models.simulation.body.shape_functions.quadrature_of`. `factors`: per block of the mesh,
         factors (m) of its elements on the modulus.
@@ -111,7 +111,7 @@ class ElasticBody:
         return Elements(connectivity, gradients, inverses, volumes, weights, values, places)
 
     def coupled(self, groups: np.ndarray) -> Self:
-        """The same body; its tangent also has room for blocks between all nodes of each group (p, k)."""
+        """Return the same body; its tangent also has room for blocks between all nodes of each group (p, k)."""
         other = copy.copy(self)
         connectivities = [part.connectivity for part in self._parts]
         rows, pattern = number_rows(len(self.row_of_node), self.mesh.base_nodes, [*connectivities, groups])
@@ -121,7 +121,7 @@ class ElasticBody:
         return other
 
     def moved(self, nodes: np.ndarray, material: Material, factors: Sequence[np.ndarray] | None) -> Self:
-        """The same elements with undeformed nodes (n, 3), material and factors of their own; the pattern is shared."""
+        """Return the same elements with undeformed nodes (n, 3), material and factors of their own; pattern shared."""
         other = copy.copy(self)
         of_block = [None] * len(self._parts) if factors is None else factors
         parts = []
@@ -133,7 +133,7 @@ class ElasticBody:
         return other
 
     def numbered_as(self, body: Self) -> Self:
-        """The same body, its unknowns in the order of one that differs in nothing but the pattern of its tangent."""
+        """Return the same body, its unknowns in the order of one that differs only in the pattern of its tangent."""
         other = copy.copy(self)
         other.row_of_node, other.pattern = body.row_of_node, body.pattern
         parts = [part._replace(places=numbered.places) for part, numbered in zip(self._parts, body._parts, strict=True)]
@@ -152,7 +152,7 @@ class ElasticBody:
         return Elastic(first, others[0] if others else _NO_ELEMENTS, self._material)
 
     def force(self, x: np.ndarray) -> np.ndarray | None:
-        """Internal nodal force (n, 3) at deformed nodes x (n, 3); None if an element is inverted."""
+        """Compute the internal nodal force (n, 3) at deformed nodes x (n, 3); None if an element is inverted."""
         force = np.zeros(x.shape)
         return force if add_elastic_forces(self.compiled, x, force) else None
 
@@ -162,7 +162,7 @@ class ElasticBody:
         return bool(add_stiffness(self.compiled, x, blocks))
 
     def lumped_volume(self) -> np.ndarray:
-        """Volume of each node in mm3 (n): diagonal of the consistent mass, scaled per element (HRZ lumping)."""
+        """Return each node's volume in mm3 (n): the consistent mass's diagonal, scaled per element (HRZ lumping)."""
         volume = np.zeros(len(self.mesh.nodes))
         for part in self._parts:
             diagonal = np.einsum("qa,qm->ma", part.values**2, part.volumes)
@@ -172,13 +172,13 @@ class ElasticBody:
 
 
 def _constants(material: Material) -> Constants:
-    """What the kernels take of a material."""
+    """Return what the kernels take of a material."""
     lame = lame_constants(material.young_modulus_mpa, material.poisson_ratio)
     return Constants(LAW_CODE[material.law], *lame, float(material.stiffening_per_mpa))
 
 
 def block_map(connectivity: np.ndarray, row_of_node: np.ndarray, pattern: BlockPattern) -> np.ndarray:
-    """Places (m, k, k) of the blocks between the nodes of each element or face, in the code of `ElasticBody`."""
+    """Return places (m, k, k) of the blocks between the nodes of each element or face, in the code of `ElasticBody`."""
     rows = row_of_node[connectivity].astype(np.int64)
     first, second = np.broadcast_arrays(rows[:, :, None], rows[:, None, :])
     low, high = np.minimum(first, second), np.maximum(first, second)
@@ -192,7 +192,7 @@ def block_map(connectivity: np.ndarray, row_of_node: np.ndarray, pattern: BlockP
 def _reference_gradients(
     block: ElementBlock, nodes: np.ndarray, n_axial_points: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Gradients (q, 3, k'), inverses (q, 9, m), volumes (q, m) and values (q, k) of `_Elements`."""
+    """Compute gradients (q, 3, k'), inverses (q, 9, m), volumes (q, m) and values (q, k) of `_Elements`."""
     rule = quadrature_of(block.kind, n_axial_points)
     values, gradients = shape_of(block.kind, rule.points)
     jacobian = np.einsum("mai,qaj->mqij", nodes[block.connectivity], gradients)
@@ -224,7 +224,7 @@ def number_rows(
 
 
 def _node_pairs(local: np.ndarray) -> np.ndarray:
-    """All pairs (m k^2, 2) of nodes that share an element (m, k)."""
+    """List all pairs (m k^2, 2) of nodes that share an element (m, k)."""
     first, second = np.broadcast_arrays(local[:, :, None], local[:, None, :])
     return np.column_stack([first.ravel(), second.ravel()])
 

@@ -67,14 +67,14 @@ class Elements(NamedTuple):
 
 
 def lame_constants(young_modulus_mpa: float, poisson_ratio: float) -> tuple[float, float]:
-    """Lame constants (lam, mu) in MPa."""
+    """Return the Lame constants (lam, mu) in MPa."""
     shear = young_modulus_mpa / (2.0 * (1.0 + poisson_ratio))
     return 2.0 * shear * poisson_ratio / (1.0 - 2.0 * poisson_ratio), shear
 
 
 @intrinsic
 def _add_product(typing: Any, total: Any, left: Any, right: Any) -> tuple[Any, Any]:
-    """Total + left * right, rounded once, in the loops that do nearly all of the work.
+    """Add left * right to total, rounded once, in the loops that do nearly all of the work.
 
     Left to itself, the compiler chooses which products it contracts with a sum, in one caller these and in another
     those, and the same grasp would differ in its last bits from process to process.
@@ -140,7 +140,7 @@ def _find_slopes(gradients: np.ndarray, inverses: np.ndarray, e: int, rows: np.n
 
 @nb.njit(inline="always")
 def _gradient(local: np.ndarray, rows: np.ndarray, F: np.ndarray) -> None:
-    """F = sum x_a dN_a/dX over all nodes, from x_a in column a of `local` (3, WIDTH)."""
+    """Compute F = sum x_a dN_a/dX over all nodes, from x_a in column a of `local` (3, WIDTH)."""
     for i in range(3):
         f0 = f1 = f2 = 0.0
         for a in range(WIDTH):
@@ -217,7 +217,7 @@ def _linearise_st_venant(F: np.ndarray, weight: float, lam: float, mu: float, ro
 
 @nb.njit(inline="always")
 def _tangent_row(a: int, rows: np.ndarray, row: np.ndarray) -> None:
-    """Row a of the tangent: K_ab = sum over points of swapped g_b g_a^T + straight g_a g_b^T + (dN_a . S dN_b) I.
+    """Compute tangent row a: K_ab = sum over points of swapped g_b g_a^T + straight g_a g_b^T + (dN_a . S dN_b) I.
 
     `row` (10, WIDTH) receives entry (i, j) of the first two terms in 3 i + j, and the third one in 9. The points run
     outside the nodes b, so that it stays in the cache.
@@ -330,7 +330,7 @@ def add_forces(x: np.ndarray, part: Elements, constants: Constants, force: np.nd
 
 @nb.njit(inline="always")
 def _sum_nodes(gradients: np.ndarray, local: np.ndarray, g: np.ndarray) -> None:
-    """Row j of g is the sum over nodes a of gradients (3, k') times row a of `local`."""
+    """Sum into row j of g, over nodes a, gradients (3, k') times row a of `local`."""
     for j in range(3):
         g[j, :] = 0.0
         for a in range(0, gradients.shape[1], VECTOR):
@@ -352,7 +352,7 @@ def _spread_to_nodes(gradients: np.ndarray, g: np.ndarray, local_force: np.ndarr
 
 @nb.njit(inline="always")
 def _deform(A: np.ndarray, g: np.ndarray, F: np.ndarray, J: np.ndarray) -> None:
-    """F_ij in row 3 i + j, and J = det F, from dx_i/dxi_j in row j of g and dxi_j/dX_k in row 3 j + k of A."""
+    """Compute F_ij in row 3 i + j, and J = det F, from dx_i/dxi_j in row j of g and dxi_j/dX_k in row 3 j + k of A."""
     for e in range(ELEMENTS):
         g0, g1, g2 = g[0, e], g[1, e], g[2, e]
         f00 = g0 * A[0, e] + g1 * A[3, e] + g2 * A[6, e]
@@ -417,7 +417,7 @@ def _press_neo_hookean(
 
 @nb.njit(inline="always")
 def _press_st_venant(A: np.ndarray, weight: np.ndarray, lam: float, mu: float, F: np.ndarray, g: np.ndarray) -> None:
-    """As `_press_neo_hookean`: P = F S with S = lam tr(E) I + 2 mu E."""
+    """Do as `_press_neo_hookean` does: P = F S with S = lam tr(E) I + 2 mu E."""
     for e in range(ELEMENTS):
         f00, f01, f02 = F[0, e], F[1, e], F[2, e]
         f10, f11, f12 = F[3, e], F[4, e], F[5, e]

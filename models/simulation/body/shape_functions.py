@@ -38,7 +38,7 @@ class Quadrature:
 
 
 def wedge_quadrature(n_axial: int) -> Quadrature:
-    """Three triangle points times `n_axial` (1-3) Gauss points along the axis; 3 x 3 is CalculiX's C3D15."""
+    """Return three triangle points times `n_axial` (1-3) Gauss points along the axis; 3 x 3 is CalculiX's C3D15."""
     triangle = np.array([[1 / 6, 1 / 6], [2 / 3, 1 / 6], [1 / 6, 2 / 3]])
     axial, weight = _GAUSS[n_axial]
     points = [[*point, t] for t in axial for point in triangle]
@@ -46,12 +46,12 @@ def wedge_quadrature(n_axial: int) -> Quadrature:
 
 
 def centroid_quadrature() -> Quadrature:
-    """The one point of C3D4, where its strain is constant."""
+    """Return the one point of C3D4, where its strain is constant."""
     return Quadrature(np.full((1, 3), 0.25), np.full(1, 1.0 / 6.0))
 
 
 def tetrahedron_quadrature() -> Quadrature:
-    """The four-point rule of C3D10 (degree 2)."""
+    """Return the four-point rule of C3D10 (degree 2)."""
     near, far = (5.0 + 3.0 * np.sqrt(5.0)) / 20.0, (5.0 - np.sqrt(5.0)) / 20.0
     points = np.full((4, 3), far)
     points[np.arange(1, 4), np.arange(3)] = near
@@ -59,7 +59,7 @@ def tetrahedron_quadrature() -> Quadrature:
 
 
 def hexahedron_quadrature(n_axial: int) -> Quadrature:
-    """Two by two Gauss points across the axis times `n_axial` (1-3) along it; 2 x 2 x 2 is CalculiX's C3D20R."""
+    """Return 2 x 2 Gauss points across the axis times `n_axial` (1-3) along it; 2 x 2 x 2 is CalculiX's C3D20R."""
     across = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) / np.sqrt(3.0)
     axial, weight = _GAUSS[n_axial]
     points = [[*point, t] for t in axial for point in across]
@@ -67,7 +67,7 @@ def hexahedron_quadrature(n_axial: int) -> Quadrature:
 
 
 def quadrature_of(kind: ElementKind, n_axial: int = 3) -> Quadrature:
-    """Quadrature of an element kind; `n_axial` only matters for wedges and hexahedra.
+    """Return the quadrature of an element kind; `n_axial` only matters for wedges and hexahedra.
 
     The axis of swept elements is the width of the finger. There a single layer takes the indentation by an object
     that touches in the middle: with 2 points it is up to 10 % too soft. Across the walls hexahedra keep 2 x 2
@@ -81,12 +81,12 @@ def quadrature_of(kind: ElementKind, n_axial: int = 3) -> Quadrature:
 
 
 def shape_of(kind: ElementKind, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values (q, k) and reference gradients (q, k, 3) of the shape functions at points (q, 3)."""
+    """Return values (q, k) and reference gradients (q, k, 3) of the shape functions at points (q, 3)."""
     return _SHAPES[kind](points)
 
 
 def face_shape(n_nodes: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values (q, k) and gradients (q, k, 2) on a face: 8-node quadrilateral, 6-node or 3-node triangle."""
+    """Return values (q, k) and gradients (q, k, 2) on a face: 8-node quadrilateral, 6-node or 3-node triangle."""
     return _FACES[n_nodes](points)
 
 
@@ -97,7 +97,7 @@ def _barycentric(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _simplex(points: np.ndarray, edges: tuple[tuple[int, int], ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Quadratic Lagrange functions of a simplex: L (2 L - 1) at corners, 4 L_i L_j at mid-sides."""
+    """Return the quadratic Lagrange functions of a simplex: L (2 L - 1) at corners, 4 L_i L_j at mid-sides."""
     bary, slope = _barycentric(points)
     corner = bary * (2.0 * bary - 1.0)
     corner_slope = (4.0 * bary - 1.0)[:, :, None] * slope[None]
@@ -108,7 +108,7 @@ def _simplex(points: np.ndarray, edges: tuple[tuple[int, int], ...]) -> tuple[np
 
 
 def _linear(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Linear functions of a triangle or tetrahedron."""
+    """Return the linear functions of a triangle or tetrahedron."""
     values, slope = _barycentric(points)
     return values, np.tile(slope, (len(points), 1, 1))
 
@@ -122,7 +122,7 @@ def _triangle(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _wedge(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Serendipity wedge: (xi, eta) barycentric over the triangle, t in [-1, 1] along the axis."""
+    """Evaluate a serendipity wedge: (xi, eta) barycentric over the triangle, t in [-1, 1] along the axis."""
     bary, slope = _barycentric(points[:, :2])
     t = points[:, 2:]
     values, gradients = np.zeros((len(points), 15)), np.zeros((len(points), 15, 3))
@@ -146,7 +146,7 @@ def _wedge(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _quadrilateral(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eight-node serendipity quadrilateral on [-1, 1]^2: corners counter-clockwise, then mid-sides."""
+    """Evaluate an eight-node serendipity quadrilateral on [-1, 1]^2: corners counter-clockwise, then mid-sides."""
     r, s = points[:, 0], points[:, 1]
     values, gradients = np.zeros((len(points), 8)), np.zeros((len(points), 8, 2))
     for i, (a, b) in enumerate(((-1, -1), (1, -1), (1, 1), (-1, 1))):
@@ -163,7 +163,7 @@ def _quadrilateral(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _hexahedron(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Twenty-node serendipity hexahedron on [-1, 1]^3: corners of the lower and upper face, then mid-sides."""
+    """Evaluate a 20-node serendipity hexahedron on [-1, 1]^3: corners of the lower and upper face, then mid-sides."""
     corners = _HEXAHEDRON_CORNERS
     middles = corners[np.array(HEXAHEDRON_EDGES)].mean(axis=1)
     p = points[:, None, :]
@@ -179,7 +179,7 @@ def _hexahedron(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _others_product(factor: np.ndarray) -> np.ndarray:
-    """For factors (..., 3), the product of the two others at each place."""
+    """Multiply for factors (..., 3) the two others at each place."""
     return np.roll(factor, 1, axis=-1) * np.roll(factor, 2, axis=-1)
 
 

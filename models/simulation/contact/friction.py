@@ -14,7 +14,7 @@ def return_mapping(
     result: np.ndarray,
     tangent: np.ndarray,
 ) -> float:
-    """Friction traction after a motion of the point, its tangent, and the slip of the step in mm.
+    """Compute the friction traction after a motion of the point, its tangent, and the slip of the step in mm.
 
     Predictor t* = P (t_n - kt (x - x_n)), P = I - n n^T. Stick while |t*| <= mu p: t = t*, tangent kt P. Else slip:
     t = mu p t*/|t*|, tangent kt (mu p / |t*|) (P - t* t*^T / |t*|^2) (Simo & Laursen 1992). The dependence of the

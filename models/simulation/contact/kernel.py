@@ -110,7 +110,7 @@ def respond(
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def least_gap(rows: np.ndarray, points: ContactPoints, x: np.ndarray) -> float:
-    """Least distance in mm of any point at deformed nodes x from a solid of primitives, negative inside.
+    """Return the least distance in mm of any point at deformed nodes x from a solid of primitives, negative inside.
 
     A distance changes at most as far as its point moves: only faces, and of these patches, are looked at whose middle
     point is less than their size further away than the nearest point.
@@ -137,7 +137,7 @@ def least_gap(rows: np.ndarray, points: ContactPoints, x: np.ndarray) -> float:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _distance_of_point(rows: np.ndarray, shape: np.ndarray, c: int, local: np.ndarray, position: np.ndarray) -> float:
-    """Distance in mm of point c of the face with nodes `local` (k, 3); puts the point into `position` (1, 3)."""
+    """Find how far, mm, point c of the face with nodes `local` (k, 3) is; put the point into `position` (1, 3)."""
     _interpolate_point(shape, c, local, position, 0)
     return solid_distance(rows, position[0, 0], position[0, 1], position[0, 2])[0]
 
@@ -159,7 +159,7 @@ def _size(reach: float, local: np.ndarray, middle: np.ndarray) -> float:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def interpolate(points: ContactPoints, x: np.ndarray, positions: np.ndarray) -> None:
-    """Positions (n, 3) of all points at deformed nodes x."""
+    """Interpolate the positions (n, 3) of all points at deformed nodes x."""
     local = np.zeros((points.faces.shape[1], 3))
     for f in range(len(points.faces)):
         _take_nodes(points.faces, f, x, local)
@@ -241,7 +241,7 @@ def _find_near(points: ContactPoints, x: np.ndarray, seen: Sightings, near: Near
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _measure(rows: np.ndarray, points: ContactPoints, near: NearPoints, n_patches: int) -> None:
-    """Distances and normals of the near points from a solid of primitives.
+    """Measure distances and normals of the near points from a solid of primitives.
 
     A patch whose middle point is further away than its size is not looked at closer.
     """
@@ -330,7 +330,7 @@ def _add_contact(
 
 @nb.njit(inline="always")
 def penalty(depth: float, law: Law) -> tuple[float, float]:
-    """Pressure in MPa and its slope in N/mm3 at a penetration in mm."""
+    """Return the pressure in MPa and its slope in N/mm3 at a penetration in mm."""
     if depth < law.d0:
         slope = law.kn * depth / law.d0
         return 0.5 * slope * depth, slope
@@ -339,7 +339,7 @@ def penalty(depth: float, law: Law) -> tuple[float, float]:
 
 @nb.njit(inline="always")
 def friction_limit(coefficient: float, pressure: float, depth: float, law: Law) -> float:
-    """Largest tangential stress in MPa at a pressure and penetration; adhesion sets in over a short depth."""
+    """Return the largest tangential stress, MPa, at a pressure and penetration; adhesion sets in over a short depth."""
     return coefficient * pressure + law.adhesion * min(depth / (ADHESION_RAMP * law.d0), 1.0)
 
 
@@ -356,7 +356,7 @@ def _press(
     touching: Touching,
     place: int,
 ) -> None:
-    """Force and tangent per area of point c, the i-th near one, on the obstacle; its traction goes to `place`.
+    """Compute force and tangent per area of point c, the i-th near one, on the obstacle; its traction goes to `place`.
 
     `own`: motion (1, 3), and storage for the old traction, the normal and the new traction.
     """

@@ -69,7 +69,7 @@ class Obstacle:
 
     @classmethod
     def of(cls, obj: RigidObject, placement: Placement, *, is_mirrored: bool) -> Self:
-        """The test object at its placement, in the frame of one finger (which stands on the +x side).
+        """Make the test object at its placement, in the frame of one finger (which stands on the +x side).
 
         For the finger on the other side the object is mirrored in x: its distance at (x, y, z) is the object's at
         (-x, y, z).
@@ -78,11 +78,11 @@ class Obstacle:
         return cls(np.ascontiguousarray(mirrored(rows) if is_mirrored else rows))
 
     def distance(self, points: np.ndarray) -> np.ndarray:
-        """Signed distance in mm (n) of points (n, 3), negative inside."""
+        """Return the signed distance in mm (n) of points (n, 3), negative inside."""
         return distance(self.primitives, points)
 
     def normal(self, points: np.ndarray) -> np.ndarray:
-        """Unit outward normals (n, 3) at points (n, 3) near the surface."""
+        """Return unit outward normals (n, 3) at points (n, 3) near the surface."""
         return distance_and_normal(self.primitives, points)[1]
 
 
@@ -105,11 +105,11 @@ class ContactState:
 
     @classmethod
     def before_contact(cls, nodes: np.ndarray, n: int) -> Self:
-        """State of n points that have not touched anything, at deformed nodes."""
+        """Return the state of n points that have not touched anything, at deformed nodes."""
         return cls(nodes, np.zeros(0, dtype=np.int32), np.zeros((0, 3)), np.zeros(0), np.zeros(n))
 
     def spread_pressure(self) -> np.ndarray:
-        """Pressure of every point (n), 0 where it does not touch."""
+        """Return the pressure of every point (n), 0 where it does not touch."""
         values = np.zeros(len(self.slip))
         values[self.points] = self.pressure
         return values
@@ -143,7 +143,7 @@ class ContactSurface:
     """Contact points of a body: interpolation, areas, and the response to an obstacle."""
 
     def __init__(self, body: ElasticBody, nodes: np.ndarray, law: ContactLaw, spacing: PointSpacing) -> None:
-        """`nodes` (n, 3): undeformed mesh, in the frame of the calculation."""
+        """Take `nodes` (n, 3): undeformed mesh, in the frame of the calculation."""
         self.law = law
         points = contact_points(body.mesh.contact_faces, nodes, spacing)
         n, n_patches = len(points.areas), len(points.reach)
@@ -160,14 +160,14 @@ class ContactSurface:
         self._recalled = _Recalled(n)
 
     def on(self, body: ElasticBody) -> Self:
-        """The same surface on a body that differs in the pattern of its tangent only; both share their buffers."""
+        """Return the same surface on a body that differs only in its tangent's pattern; both share their buffers."""
         other = copy.copy(self)
         places = block_map(self.compiled.points.faces, body.row_of_node, body.pattern)
         other.compiled = self.compiled._replace(places=places)
         return other
 
     def moved(self, before: np.ndarray, after: np.ndarray, law: ContactLaw) -> Self:
-        """The same points with a law of their own, and areas as of undeformed nodes (n, 3) `after` instead of `before`.
+        """Return the same points with their own law, and areas as of undeformed nodes (n, 3) `after`, not `before`.
 
         Both share their buffers: what is remembered of distances holds for any nodes.
         """
@@ -189,11 +189,11 @@ class ContactSurface:
         self._seen_of = (None, NO_STOP)
 
     def start(self, x: np.ndarray) -> ContactState:
-        """State before any contact, at deformed nodes x (n, 3)."""
+        """Return the state before any contact, at deformed nodes x (n, 3)."""
         return ContactState.before_contact(x, len(self.areas))
 
     def advance(self, state: ContactState, x: np.ndarray, response: ContactResponse) -> ContactState:
-        """State after a converged step from `state` to nodes x (n, 3) with this response."""
+        """Return the state after a converged step from `state` to nodes x (n, 3) with this response."""
         points, pressure, slip = response.points.copy(), response.pressure.copy(), state.slip.copy()
         slip[points] += response.slip_step
         energies = self.areas[points] * pressure**2 / self.law.normal_n_per_mm3
@@ -201,7 +201,7 @@ class ContactSurface:
         return ContactState(x, points, response.traction.copy(), pressure, slip, unresolved_n_mm)
 
     def recall(self, state: ContactState, friction: np.ndarray) -> FrictionState:
-        """What friction goes on from in a step from `state`; good until the next call, also of a copy of this surface.
+        """Return what friction goes on from after `state`; good until the next call, also of a copy of this surface.
 
         `friction` (n): coefficient of every point.
         """
@@ -211,17 +211,17 @@ class ContactSurface:
         return FrictionState(state.nodes, own.traction, friction)
 
     def positions(self, x: np.ndarray) -> np.ndarray:
-        """Contact points (n, 3) at deformed nodes x."""
+        """Return the contact points (n, 3) at deformed nodes x."""
         positions = np.zeros((len(self.areas), 3))
         contact_kernel.interpolate(self.compiled.points, x, positions)
         return positions
 
     def gap_mm(self, x: np.ndarray, obstacle: Obstacle) -> float:
-        """Least distance of any contact point at deformed nodes x from an obstacle, negative inside."""
+        """Return the least distance of any contact point at deformed nodes x from an obstacle, negative inside."""
         return float(contact_kernel.least_gap(obstacle.primitives, self.compiled.points, x))
 
     def positions_of(self, points: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """A few contact points (m, 3), given by their numbers (m), at deformed nodes x."""
+        """Return a few contact points (m, 3), given by their numbers (m), at deformed nodes x."""
         own = self.compiled.points
         face = np.searchsorted(own.first_point[own.first_patch[:-1]], points, side="right") - 1
         return np.einsum("mk,mki->mi", own.shape[points], x[own.faces[face]])
@@ -235,7 +235,7 @@ class ContactSurface:
         stop_mm: float,
         blocks: np.ndarray | None,
     ) -> ContactResponse:
-        """Contact force at deformed nodes x; adds the tangent to `blocks` (z, 3, 3) unless None.
+        """Compute the contact force at deformed nodes x; adds the tangent to `blocks` (z, 3, 3) unless None.
 
         `friction` (n): coefficient per point. `stop_mm`: the frictionless plane x >= stop stands for the other
         finger (`NO_STOP`: there is none).
@@ -254,12 +254,12 @@ class ContactSurface:
             seen.gap_in_face[:] = seen.patch_gap[:] = -np.inf
 
     def touching(self, m: int) -> Touching:
-        """What the last evaluation wrote of the m points that touch."""
+        """Return what the last evaluation wrote of the m points that touch."""
         return Touching(*(values[:m] for values in self.compiled.touching))
 
 
 def _corner_areas(faces: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Areas (f) of plane faces (f, k) with straight sides, times a factor that their kind has."""
+    """Return areas (f) of plane faces (f, k) with straight sides, times a factor that their kind has."""
     corners = nodes[faces]
     is_square = faces.shape[1] == 8
     along = corners[:, 2 if is_square else 1] - corners[:, 0]
@@ -268,7 +268,7 @@ def _corner_areas(faces: np.ndarray, nodes: np.ndarray) -> np.ndarray:
 
 
 def _sightings(points: ContactPoints) -> Sightings:
-    """Nothing seen yet."""
+    """Make sightings with nothing seen yet."""
     k, n_faces, n_patches = points.faces.shape[1], len(points.faces), len(points.reach)
     return Sightings(
         np.zeros((n_faces, k, 3)),

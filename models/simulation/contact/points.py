@@ -56,7 +56,7 @@ class ContactPoints(NamedTuple):
 
 
 def contact_points(faces: np.ndarray, nodes: np.ndarray, spacing: PointSpacing) -> ContactPoints:
-    """Points on faces (f, k) of undeformed nodes (n, 3)."""
+    """Make the points on faces (f, k) of undeformed nodes (n, 3)."""
     first_patch, first_point, face_middle = [0], [0], []
     shapes, areas = [], []
     for face in faces:
@@ -84,13 +84,13 @@ def contact_points(faces: np.ndarray, nodes: np.ndarray, spacing: PointSpacing) 
 
 
 def _reach(values: np.ndarray, first: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """Reach (g) of groups of points from their middle points (g), with the shape values (n, k) of all points."""
+    """Return the reach (g) of point groups from their middle points (g), with shape values (n, k) of all points."""
     difference = np.abs(values - np.repeat(values[middle], np.diff(first), axis=0)).sum(axis=1)
     return np.maximum.reduceat(difference, first[:-1])
 
 
 def _subdivide(corners: np.ndarray, spacing: PointSpacing) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Shape values (p, k), areas (p) in mm2 and patch numbers (p) of the points of one face with nodes (k, 3).
+    """Return shape values (p, k), areas (p) in mm2 and patch numbers (p) of the points of one face with nodes (k, 3).
 
     Patches are in a row, and their points from the middle outwards.
     """
@@ -124,7 +124,7 @@ class _Pieces(NamedTuple):
 
 
 def _divide_face(k: int, points: np.ndarray, pieces: np.ndarray, share: float) -> _Pieces:
-    """The subdivision of a face with k nodes into cells (p, 2) with midpoints (p, 2)."""
+    """Return the subdivision of a face with k nodes into cells (p, 2) with midpoints (p, 2)."""
     values, gradients = face_shape(k, points)
     blocks = pieces // PATCH_PIECES
     patch = np.unique(blocks[:, 0] * (blocks[:, 1].max() + 1) + blocks[:, 1], return_inverse=True)[1]
@@ -150,7 +150,7 @@ def _find_way(corners: np.ndarray) -> _Way:
 
 @lru_cache(maxsize=KEPT_SUBDIVISIONS)
 def _divide_square(n_r: int, n_s: int, way: _Way | None) -> _Pieces:
-    """A face with 8 nodes in n_r by n_s cells; staggered if its way in space is given."""
+    """Divide a face with 8 nodes into n_r by n_s cells; staggered if its way in space is given."""
     pieces = np.column_stack([np.repeat(np.arange(n_r), n_s), np.tile(np.arange(n_s), n_r)])
     at = pieces + 0.5
     if way is not None:
@@ -160,13 +160,13 @@ def _divide_square(n_r: int, n_s: int, way: _Way | None) -> _Pieces:
 
 
 def _spread_shifts(n: int) -> np.ndarray:
-    """Shifts (n) between -0.5 and 0.5, evenly spread, neighbours far apart: ranks of multiples of the golden ratio."""
+    """Spread n shifts (n) evenly from -0.5 to 0.5, neighbours far apart: ranks of multiples of the golden ratio."""
     ranks = np.argsort(np.argsort(np.arange(n) * _GOLDEN % 1.0))
     return (ranks + 0.5) / n - 0.5
 
 
 def _divide_triangle(n: int) -> np.ndarray:
-    """Centroids (n^2, 2) of the uniform subdivision of the unit triangle."""
+    """Return the centroids (n^2, 2) of the uniform subdivision of the unit triangle."""
     upright = [((i + 1 / 3) / n, (j + 1 / 3) / n) for i in range(n) for j in range(n - i)]
     inverted = [((i + 2 / 3) / n, (j + 2 / 3) / n) for i in range(n) for j in range(n - i - 1)]
     return np.array(upright + inverted)

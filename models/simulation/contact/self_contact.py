@@ -30,7 +30,7 @@ class SelfContact:
     """
 
     def __init__(self, faces: np.ndarray, row: np.ndarray, nodes: np.ndarray, law: ContactLaw) -> None:
-        """`faces` (f, 8) and their numbers `row` (f): see `models.simulation.mesh.cavities.cavity_faces`.
+        """Take `faces` (f, 8) and their numbers `row` (f): see `models.simulation.mesh.cavities.cavity_faces`.
 
         `nodes` (n, 3): undeformed mesh, in the frame of the calculation.
         """
@@ -42,7 +42,7 @@ class SelfContact:
 
     @classmethod
     def of_nothing(cls, nodes: np.ndarray, law: ContactLaw) -> Self:
-        """No faces: a body that cannot touch itself."""
+        """Make one without faces: a body that cannot touch itself."""
         return cls(np.zeros((0, 8), dtype=np.int32), np.zeros(0, dtype=int), nodes, law)
 
     @property
@@ -51,26 +51,26 @@ class SelfContact:
         return Cavities(self._strips, self._law, self._lines, self._pair, self._places)
 
     def depth_mm(self, x: np.ndarray) -> float:
-        """How deep the faces are in each other at most at deformed nodes x (n, 3); 0 where none touch."""
+        """Return how deep the faces are in each other at most at deformed nodes x (n, 3); 0 where none touch."""
         return float(self_kernel.measure(self._strips, x, self._lines))
 
     def presses_uncoupled(self, x: np.ndarray) -> bool:
-        """True if at deformed nodes x (n, 3) faces are in each other that are no pair."""
+        """Return whether at deformed nodes x (n, 3) faces are in each other that are no pair."""
         return self.depth_mm(x) > 0.0 and bool(self_kernel.presses_uncoupled(self._strips, self._lines, self._pair))
 
     def pairs_near(self, x: np.ndarray) -> np.ndarray:
-        """The pairs so far and all others that are near at deformed nodes x: faces (p, 2), the lower one first."""
+        """List the pairs so far and all others near at deformed nodes x: faces (p, 2), the lower one first."""
         pair = self._pair.copy()
         self.depth_mm(x)
         self_kernel.mark_pairs(self._strips, self._lines, COUPLED_MM, pair)
         return np.argwhere(pair >= 0)
 
     def nodes_of(self, pairs: np.ndarray) -> np.ndarray:
-        """Nodes (p, 16) of pairs of faces (p, 2)."""
+        """Return the nodes (p, 16) of pairs of faces (p, 2)."""
         return self._strips.faces[pairs].reshape(-1, 16)
 
     def coupled(self, pairs: np.ndarray, body: ElasticBody) -> Self:
-        """The same faces with these pairs (p, 2), for which the pattern of the body has room."""
+        """Return the same faces with these pairs (p, 2), for which the pattern of the body has room."""
         other = copy.copy(self)
         pair = np.full_like(self._pair, -1)
         pair[pairs[:, 0], pairs[:, 1]] = np.arange(len(pairs))
@@ -88,13 +88,13 @@ class SelfContact:
 
 
 def _turned(faces: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Faces (f, 8) with their corners the other way round where they grow towards -y."""
+    """Turn the corners of faces (f, 8) the other way round where they grow towards -y."""
     falls = nodes[faces[:, 3], 1] < nodes[faces[:, 0], 1]
     return np.where(falls[:, None], faces[:, [1, 0, 3, 2, 4, 7, 6, 5]], faces)
 
 
 def _strips(faces: np.ndarray, row: np.ndarray, nodes: np.ndarray) -> Strips:
-    """Strips of faces (f, 8), which are in rows (f)."""
+    """Make the strips of faces (f, 8), which are in rows (f)."""
     a, b, _, d = nodes[faces[:, :4]].transpose(1, 0, 2)
     length, width = np.linalg.norm(b - a, axis=1), np.linalg.norm(d - a, axis=1)
     n_segments = np.maximum(np.ceil(length / SEGMENT_MM - 1e-6).astype(int), 1)
@@ -118,7 +118,7 @@ def _strips(faces: np.ndarray, row: np.ndarray, nodes: np.ndarray) -> Strips:
 
 
 def _line_shape(n: int, across: float) -> np.ndarray:
-    """Shape values (n + 1, 8) on a face along a line at constant place across it."""
+    """Return shape values (n + 1, 8) on a face along a line at constant place across it."""
     along = np.linspace(-1.0, 1.0, n + 1)
     return face_shape(8, np.column_stack([along, np.full(n + 1, across)]))[0]
 

@@ -89,7 +89,7 @@ def measure(strips: Strips, x: np.ndarray, lines: Lines) -> float:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _place(strips: Strips, x: np.ndarray, lines: Lines) -> None:
-    """Vertices, normals and boxes of all strips at deformed nodes x."""
+    """Place the vertices, normals and boxes of all strips at deformed nodes x."""
     vertex, normal, box = lines.vertex, lines.normal, lines.box
     for s in range(len(strips.face)):
         f, first, last = strips.face[s], strips.first_vertex[s], strips.first_vertex[s + 1]
@@ -113,7 +113,7 @@ def _place(strips: Strips, x: np.ndarray, lines: Lines) -> None:
 
 @nb.njit(inline="always")
 def _are_near(box: np.ndarray, outward: np.ndarray, s: int, t: int, reach_mm: float) -> bool:
-    """True if two strips turn to each other, roughly, and their boxes are within reach."""
+    """Return whether two strips turn to each other, roughly, and their boxes are within reach."""
     return (
         outward[s, 0] * outward[t, 0] + outward[s, 1] * outward[t, 1] < 0.0
         and box[s, 0] - box[t, 1] < reach_mm
@@ -125,7 +125,7 @@ def _are_near(box: np.ndarray, outward: np.ndarray, s: int, t: int, reach_mm: fl
 
 @nb.njit(inline="always")
 def _are_one_corner(strips: Strips, s: int, t: int) -> bool:
-    """True for the short face of a fillet and the one beside it: they cannot cross while no element is inverted."""
+    """Return whether it is a fillet's short face and the one beside it: no crossing while no element is inverted."""
     n_s, n_t = strips.first_vertex[s + 1] - strips.first_vertex[s], strips.first_vertex[t + 1] - strips.first_vertex[t]
     if n_s > 2 and n_t > 2:
         return False
@@ -162,7 +162,7 @@ def _keep_nearer(
 
 @nb.njit(inline="always")
 def _depth(lines: Lines, v: int) -> tuple[float, float, float]:
-    """How deep the middle of segment v is in its nearest segment, mm (0 outside), and the way out (x, z)."""
+    """Return how deep the middle of segment v is in its nearest segment, mm (0 outside), and the way out (x, z)."""
     w, part, vertex, normal = lines.nearest[v], lines.share[v], lines.vertex, lines.normal
     u = vertex[w, 0] + part * (vertex[w + 1, 0] - vertex[w, 0]) - 0.5 * (vertex[v, 0] + vertex[v + 1, 0])
     z = vertex[w, 1] + part * (vertex[w + 1, 1] - vertex[w, 1]) - 0.5 * (vertex[v, 1] + vertex[v + 1, 1])
@@ -247,7 +247,7 @@ def mark_pairs(strips: Strips, lines: Lines, reach_mm: float, pair: np.ndarray) 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def presses_uncoupled(strips: Strips, lines: Lines, pair: np.ndarray) -> bool:
-    """True if faces, as last measured, are in each other that are no pair."""
+    """Return whether faces, as last measured, are in each other that are no pair."""
     for v in range(len(strips.areas)):
         if lines.square[v] < REACH_MM**2 and _depth(lines, v)[0] > 0.0:
             a, b = strips.face[strips.strip[v]], strips.face[strips.strip[lines.nearest[v]]]

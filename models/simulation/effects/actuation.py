@@ -37,7 +37,7 @@ class BaseCompliance(Effect):
     compliance_mm_per_n: float
 
     def base_compliance_mm_per_n(self) -> float:
-        """How far the base of a finger stays behind per force of closing."""
+        """Return how far the base of a finger stays behind per force of closing."""
         return self.compliance_mm_per_n
 
 
@@ -82,7 +82,7 @@ class ForceLimitedClosing(Effect):
     max_force_n: float
 
     def in_grasp(self, design: Design, setup: GraspSetup, context: GraspContext) -> Effect:
-        """The effect at the supply pressure of this grasp."""
+        """Return the effect at the supply pressure of this grasp."""
         return (
             self
             if self.max_force_n >= UNLIMITED_N
@@ -90,11 +90,11 @@ class ForceLimitedClosing(Effect):
         )
 
     def strength_in(self, setup: GraspSetup) -> float:
-        """Supply pressure of a setup over the usual one."""
+        """Return the supply pressure of a setup over the usual one."""
         return 1.0 if setup.supply_pressure_psi is None else setup.supply_pressure_psi / USUAL_PRESSURE_PSI
 
     def closing_force_limit_n(self) -> float:
-        """The stall force of one jaw, N."""
+        """Return the stall force of one jaw, N."""
         return self.max_force_n if self.max_force_n < UNLIMITED_N else np.inf
 
 
@@ -130,15 +130,15 @@ class PressureDroop(Effect):
     batch_grasps: int = 0
 
     def in_grasp(self, design: Design, setup: GraspSetup, context: GraspContext) -> Effect:
-        """The effect after the grasps of the batch."""
+        """Return the effect after the grasps of the batch."""
         return replace(self, batch_grasps=context.batch_grasps)
 
     def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
-        """How far a jaw stays back after so many grasps of the batch, mm."""
+        """Return how far a jaw stays back after so many grasps of the batch, mm."""
         return self.loss_mm * approach(state, self.scale_grasps)
 
     def modify_setup(self, setup: GraspSetup, design: Design) -> GraspSetup:
-        """The setup with the gap to which the jaws really close."""
+        """Return the setup with the gap to which the jaws really close."""
         lost_mm = self.law(float(self.batch_grasps))
         if lost_mm == 0.0:
             return setup
@@ -179,22 +179,22 @@ class LiftStartError(Effect):
     ramp_power: float = 1.0
 
     def delay_mm(self, lift_speed_mm_per_s: float) -> float:
-        """By how much the lift is behind after its start, mm."""
+        """Return by how much the lift is behind after its start, mm."""
         return self.backlash_mm + lift_speed_mm_per_s * self.ramp_s / (self.ramp_power + 1.0)
 
     def behind_mm(self, time_s: Number, speed_mm_per_s: float) -> Number:
-        """How far the true lift is behind at a time, or n of them, from the start of the lift in s."""
+        """Return how far the true lift is behind at a time, or n of them, from the start of the lift in s."""
         if self.ramp_s == 0.0:
             return 0.0 * time_s + self.backlash_mm
         left = np.clip(1.0 - time_s / self.ramp_s, 0.0, 1.0) ** (self.ramp_power + 1.0)
         return self.backlash_mm + speed_mm_per_s * self.ramp_s / (self.ramp_power + 1.0) * (1.0 - left)
 
     def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
-        """How far the lift is behind at lifts in mm, mm."""
+        """Return how far the lift is behind at lifts in mm, mm."""
         return self.behind_mm(state / lift_speed_mm_per_s, lift_speed_mm_per_s)
 
     def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
-        """The forces at the true lift."""
+        """Return the forces at the true lift."""
         is_lift = at.lift_mm > 0.0
         behind_mm = self.behind_mm(at.since_s[is_lift], at.lift_speed_mm_per_s)
         found = force_n.copy()
@@ -202,7 +202,7 @@ class LiftStartError(Effect):
         return found
 
     def modify_trace(self, trace: Trace) -> Trace:
-        """The trace over the commanded lift."""
+        """Return the trace over the commanded lift."""
         speed = speed_mm_per_s(trace)
         if (self.backlash_mm == 0.0 and self.ramp_s == 0.0) or speed == 0.0:
             return trace

@@ -33,7 +33,7 @@ class Readings:
 
     @staticmethod
     def of(trace: Trace) -> "Readings":
-        """The samples of a trace; the lift of one without any would start at its end."""
+        """Read the samples of a trace; the lift of one without any would start at its end."""
         lift = np.flatnonzero(trace.is_lift)
         start_s = float(trace.time_s[lift[0] if len(lift) else -1])
         return Readings(trace.lift_mm, trace.time_s - start_s, start_s, speed_mm_per_s(trace))
@@ -51,93 +51,93 @@ class Effect:
 
     @classmethod
     def acts_on_traces(cls) -> bool:
-        """Whether the effect changes finished traces."""
+        """Return whether the effect changes finished traces."""
         return cls.overrides("modify_trace", "modify_forces")
 
     @classmethod
     def overrides(cls, *hooks: str) -> bool:
-        """Whether the effect has any of these hooks of its own."""
+        """Return whether the effect has any of these hooks of its own."""
         return any(getattr(cls, hook) is not getattr(Effect, hook) for hook in hooks)
 
     def in_grasp(self, design: Design, setup: GraspSetup, context: GraspContext) -> "Effect":
-        """The effect as it acts in one grasp; what depends on tool, speed or history overrides this.
+        """Return the effect as it acts in one grasp; what depends on tool, speed or history overrides this.
 
         Called once per grasp, before all other hooks.
         """
         return self
 
     def modify_profile(self, profile: Polygon, design: Design) -> Polygon:
-        """Geometry: the planar profile (mm) that is really printed."""
+        """Return the planar profile (mm) that is really printed (geometry)."""
         return profile
 
     def modify_section(self, points: np.ndarray, design: Design) -> np.ndarray:
-        """Geometry: where points (n, 2) of the meshed section are really printed, x and z in mm; no wall may move."""
+        """Return where points (n, 2) of the meshed section are printed, x, z in mm; no wall may move (geometry)."""
         return points
 
     def modify_theta(self, theta: Theta, design: Design) -> Theta:
-        """Material: elastic constants of this tool."""
+        """Return the elastic constants of this tool (material)."""
         return theta
 
     def stiffness_factor(self, points: np.ndarray, design: Design) -> np.ndarray | float:
-        """Material: factor (n) on the modulus of elements with their middle at `points` (n, 2) of the section, mm."""
+        """Return the modulus factor (n) of elements with middles at `points` (n, 2) of the section, mm (material)."""
         return 1.0
 
     def strain_stiffening(self) -> float:
-        """Material: beta of the strain energy W + beta W^2 / E; those of all effects add up."""
+        """Return beta of the strain energy W + beta W^2 / E (material); those of all effects add up."""
         return 0.0
 
     def modify_setup(self, setup: GraspSetup, design: Design) -> GraspSetup:
-        """Actuation: the stroke, heights and speeds that really happen."""
+        """Return the stroke, heights and speeds that really happen (actuation)."""
         return setup
 
     def closing_force_limit_n(self) -> float:
-        """Actuation: closing-direction force at which one jaw stalls, N; it then holds its place in the lift."""
+        """Return the closing-direction force that stalls one jaw, N (actuation); it then holds its place in a lift."""
         return np.inf
 
     def base_compliance_mm_per_n(self) -> float:
-        """Actuation: how far a finger's base stays behind its jaw per closing force; those of all effects add up."""
+        """Return how far a finger's base is behind its jaw per closing force (actuation); all effects add up."""
         return 0.0
 
     def strength_in(self, setup: GraspSetup) -> float:
-        """Actuation: how large the force or compliance that the effect brings in is in this setup, over the usual."""
+        """Return how large the force or compliance of the effect is in this setup, over the usual (actuation)."""
         return 1.0
 
     def friction_factor(self, slip_mm: np.ndarray, pressure_mpa: np.ndarray) -> np.ndarray | float:
-        """Contact: factor on the friction coefficient per contact point (n), frozen over a time step.
+        """Return the factor on the friction coefficient per contact point (n), frozen over a time step (contact).
 
         `slip_mm`: accumulated slip of each point; `pressure_mpa`: its last converged contact pressure.
         """
         return 1.0
 
     def friction_of_runs(self, stiffer: np.ndarray) -> np.ndarray | float:
-        """Contact: factor on friction that makes its runs in a bank (`ParameterSpec.has_runs`) those of the effect.
+        """Return the friction factor that makes its runs in a bank (`ParameterSpec.has_runs`) the effect's (contact).
 
         `stiffer` (n): the moduli of n grasps over that of the bank.
         """
         return 1.0
 
     def modify_object(self, obj: RigidObject) -> RigidObject:
-        """Contact: the object as it was really made."""
+        """Return the object as it was really made (contact)."""
         return obj
 
     def adhesion_mpa(self) -> float:
-        """Contact: tangential stress that a contact carries without pressure, MPa; those of all effects add up."""
+        """Return the tangential stress a contact carries without pressure, MPa (contact); all effects add up."""
         return 0.0
 
     def finger_stop_mm(self) -> float:
-        """Contact: how far before the plane between the fingers they stop each other, mm; all effects add up."""
+        """Return how far before the plane between them fingers stop each other, mm (contact); all effects add up."""
         return 0.0
 
     def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
-        """The quantity that the law is of (`EffectSpec.quantity`), at a state or k of them, in a lift of this speed."""
+        """Return the quantity the law is of (`EffectSpec.quantity`), at a state or k of them, at this lift speed."""
         raise NotImplementedError(f"{type(self).__name__} has no law of a known quantity.")
 
     def delay_mm(self, lift_speed_mm_per_s: float) -> float:
-        """Time: by how much the force comes late at a speed of the lift, in mm of it; in the end if that varies."""
+        """Return by how much the force is late at a lift speed, in mm of lift; in the end if that varies (time)."""
         return 0.0
 
     def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
-        """Forces (m, or n x m) that were read then, in N, as the effect makes them of the true ones.
+        """Return forces (m, or n x m) that were read then, in N, as the effect makes them of the true ones.
 
         Of n grasps at once, parameters that `in_grasp` sets differ: they are columns (n x 1). An effect that needs more
         samples than there are overrides `modify_trace` as well; one that overrides this alone is exact at any.
@@ -145,19 +145,19 @@ class Effect:
         return force_n
 
     def modify_trace(self, trace: Trace) -> Trace:
-        """What is left to do with the true force over time: relaxation, compliance in series, the load-cell chain."""
+        """Do what is left to do with the true force over time: relaxation, series compliance, load-cell chain."""
         if not self.overrides("modify_forces") or not len(trace.time_s):
             return trace
         return Trace(trace.time_s, trace.lift_mm, self.modify_forces(trace.force_n, Readings.of(trace)))
 
 
 def approach(state: Number, scale: float) -> Number:
-    """1 - exp(-state / scale): the share by which most effects with a memory have set in."""
+    """Return 1 - exp(-state / scale): the share by which most effects with a memory have set in."""
     return -np.expm1(-state / scale) if isinstance(state, np.ndarray) else -math.expm1(-state / scale)
 
 
 def with_modulus(theta: Theta, factor: float) -> Theta:
-    """Elastic constants with Young's modulus times a factor."""
+    """Return the elastic constants with Young's modulus times a factor."""
     return theta.model_copy(update={"young_modulus_mpa": theta.young_modulus_mpa * factor})
 
 
@@ -171,7 +171,7 @@ def speed_mm_per_s(trace: Trace) -> float:
 
 
 def read_at(lift_mm: np.ndarray, at: Readings, force_n: np.ndarray) -> np.ndarray:
-    """Forces (n x k) at lifts (k, or n x k) of forces that were read (n x m), constant beyond the ends."""
+    """Read forces (n x k) at lifts (k, or n x k) from forces that were read (n x m), constant beyond the ends."""
     places = np.arange(len(at.lift_mm))
     place = np.interp(lift_mm, at.lift_mm, places)
     place = np.broadcast_to(place, (len(force_n), place.shape[-1]))
@@ -181,7 +181,7 @@ def read_at(lift_mm: np.ndarray, at: Readings, force_n: np.ndarray) -> np.ndarra
 
 
 def relifted(trace: Trace, nominal_mm: np.ndarray) -> Trace:
-    """The trace with the samples of its lift (m) at these nominal lifts instead, at the same speed.
+    """Return the trace with the samples of its lift (m) at these nominal lifts instead, at the same speed.
 
     Where the nominal lift does not grow, the system jumps: the states in between are never seen and are left out.
     """

@@ -18,12 +18,12 @@ CATALOGUE: Mapping[str, EffectSpec] = {
 
 
 def is_one_curve(first: str, second: str) -> bool:
-    """Whether two effects are the same quantity along the same state, so that only the form of a law differs."""
+    """Return whether two effects are one quantity along one state, so that only the form of a law differs."""
     return first != second and CATALOGUE[first].curve is not None and CATALOGUE[first].curve == CATALOGUE[second].curve
 
 
 def build_effects(values: Sequence[EffectValue]) -> list[Effect]:
-    """The effects of a simulator version; parameters left out take their neutral value.
+    """Build the effects of a simulator version; parameters left out take their neutral value.
 
     They come layer by layer, as the physics acts, and within a layer in the order given: an effect found late must not
     relax the load cell's offset because it is last in the list.
@@ -59,7 +59,7 @@ def _build(value: EffectValue) -> Effect:
 
 
 def catalogue_entries() -> list[dict[str, Any]]:
-    """Every effect with all that the catalogue says of it, in its order."""
+    """List every effect with all that the catalogue says of it, in its order."""
     return [_entry(spec) for spec in CATALOGUE.values()]
 
 
@@ -89,7 +89,7 @@ def _parameter(spec: ParameterSpec) -> dict[str, Any]:
 
 
 def catalogue_rows() -> list[dict[str, Any]]:
-    """The catalogue as lines of text: one per parameter, what is said of the effect in the first of them."""
+    """List the catalogue as lines of text: one per parameter, what is said of the effect in the first of them."""
     return [row for spec in CATALOGUE.values() for row in _rows(spec)]
 
 

@@ -38,11 +38,11 @@ class StaticKineticFriction(Effect):
     slip_scale_mm: float
 
     def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
-        """Friction over friction at rest, after slips in mm."""
+        """Return the friction over friction at rest, after slips in mm."""
         return 1.0 - (1.0 - self.kinetic_ratio) * approach(state, self.slip_scale_mm)
 
     def friction_factor(self, slip_mm: np.ndarray, pressure_mpa: np.ndarray) -> np.ndarray | float:
-        """Factor on the friction coefficient per contact point (n)."""
+        """Return the factor on the friction coefficient per contact point (n)."""
         if self.kinetic_ratio == 1.0:
             return 1.0
         return self.kinetic_ratio + (1.0 - self.kinetic_ratio) * np.exp(-slip_mm / self.slip_scale_mm)
@@ -87,11 +87,11 @@ class VelocityStrengtheningFriction(Effect):
     lift_speed_mm_per_s: float = 0.0
 
     def in_grasp(self, design: Design, setup: GraspSetup, context: GraspContext) -> Effect:
-        """The effect at the speed of this lift."""
+        """Return the effect at the speed of this lift."""
         return replace(self, lift_speed_mm_per_s=setup.lift_speed_mm_per_s)
 
     def friction_factor(self, slip_mm: np.ndarray, pressure_mpa: np.ndarray) -> float:
-        """Factor on the friction coefficient."""
+        """Return the factor on the friction coefficient."""
         return 1.0 + self.rate_sensitivity * math.log1p(self.lift_speed_mm_per_s / self.reference_speed_mm_per_s)
 
 
@@ -129,13 +129,13 @@ class PressureDependentFriction(Effect):
     reference_mpa: float
 
     def friction_factor(self, slip_mm: np.ndarray, pressure_mpa: np.ndarray) -> np.ndarray | float:
-        """Factor on the friction coefficient per contact point (n)."""
+        """Return the factor on the friction coefficient per contact point (n)."""
         if self.exponent == 0.0:
             return 1.0
         return np.asarray(np.maximum(pressure_mpa / self.reference_mpa, LEAST_SHARE) ** -self.exponent)
 
     def friction_of_runs(self, stiffer: np.ndarray) -> np.ndarray:
-        """The law of another p0 is that of the bank's with mu (p0 / bank's)^k; pressures scale with the modulus."""
+        """Return mu's factor, as another p0 is the bank's law with mu (p0 / bank's)^k; pressures scale with modulus."""
         return np.asarray((self.reference_mpa / USUAL_MPA / stiffer) ** self.exponent)
 
 
@@ -173,7 +173,7 @@ class ShearAdhesion(Effect):
     shear_strength_mpa: float
 
     def adhesion_mpa(self) -> float:
-        """The friction limit at no pressure, MPa."""
+        """Return the friction limit at no pressure, MPa."""
         return self.shear_strength_mpa
 
 
@@ -208,15 +208,15 @@ class FrictionWear(Effect):
     tool_grasps: int = 0
 
     def in_grasp(self, design: Design, setup: GraspSetup, context: GraspContext) -> Effect:
-        """The effect after the grasps that the tool has made."""
+        """Return the effect after the grasps that the tool has made."""
         return replace(self, tool_grasps=context.tool_grasps)
 
     def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
-        """Friction over that of a new tool, after so many of its grasps."""
+        """Return the friction over that of a new tool, after so many of its grasps."""
         return 1.0 - self.loss * approach(state, self.scale_grasps)
 
     def friction_factor(self, slip_mm: np.ndarray, pressure_mpa: np.ndarray) -> float:
-        """Factor on the friction coefficient."""
+        """Return the factor on the friction coefficient."""
         return self.law(float(self.tool_grasps))
 
 
@@ -250,7 +250,7 @@ class ObjectEdgeRadius(Effect):
     extra_radius_mm: float
 
     def modify_object(self, obj: RigidObject) -> RigidObject:
-        """The object as it was really made."""
+        """Return the object as it was really made."""
         radius_mm = obj.parameters.get("rounding_mm")
         if self.extra_radius_mm == 0.0 or radius_mm is None:
             return obj
@@ -297,7 +297,7 @@ class FingerFingerContact(Effect):
     half_gap_mm: float
 
     def finger_stop_mm(self) -> float:
-        """Distance of the stop from the plane between the fingers, mm."""
+        """Return the distance of the stop from the plane between the fingers, mm."""
         return self.half_gap_mm
 
 
@@ -332,11 +332,11 @@ class ObjectPostCompliance(Effect):
     compliance_mm_per_n: float
 
     def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
-        """How far the post gives way under forces in N, mm."""
+        """Return how far the post gives way under forces in N, mm."""
         return self.compliance_mm_per_n * state
 
     def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
-        """The forces over the lift of the gantry; where that goes back, the system has jumped."""
+        """Return the forces over the lift of the gantry; where that goes back, the system has jumped."""
         start = int(np.argmax(at.lift_mm >= 0.0))
         lift_n, lift_mm = force_n[:, start:], at.lift_mm[start:]
         seen_mm = lift_mm + self.law(lift_n - lift_n[:, :1])
@@ -346,7 +346,7 @@ class ObjectPostCompliance(Effect):
         return np.concatenate([force_n[:, :start], found], axis=1)
 
     def modify_trace(self, trace: Trace) -> Trace:
-        """The trace over the lift of the gantry instead of that against the object."""
+        """Return the trace over the lift of the gantry instead of that against the object."""
         if self.compliance_mm_per_n == 0.0 or speed_mm_per_s(trace) == 0.0:
             return trace
         lift = trace.is_lift

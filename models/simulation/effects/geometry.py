@@ -27,7 +27,7 @@ class WallThicknessOffset(Effect):
     offset_mm: float
 
     def modify_profile(self, profile: Polygon, design: Design) -> Polygon:
-        """The profile (x, z in mm) that is really printed."""
+        """Return the profile (x, z in mm) that is really printed."""
         if self.offset_mm == 0.0:
             return profile
         x_min, z_min, x_max, z_max = profile.bounds
@@ -83,7 +83,7 @@ class RibImperfection(Effect):
     bow_mm: float
 
     def modify_section(self, points: np.ndarray, design: Design) -> np.ndarray:
-        """Points (n, 2) of the section where they are really printed, mm."""
+        """Return points (n, 2) of the section where they are really printed, mm."""
         if self.bow_mm == 0.0:
             return points
         fin_ray = take_fin_ray(design, "the effect `rib_imperfection`")

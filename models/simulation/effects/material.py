@@ -28,15 +28,15 @@ class StressRelaxation(Effect):
     dwell_s: float = 0.0
 
     def in_grasp(self, design: Design, setup: GraspSetup, context: GraspContext) -> Effect:
-        """The effect after the wait of this grasp."""
+        """Return the effect after the wait of this grasp."""
         return replace(self, dwell_s=setup.dwell_s)
 
     def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
-        """Force over that without relaxation, after times since the end of closing in s."""
+        """Return the force over that without relaxation, after times since the end of closing in s."""
         return 1.0 - self.relaxed_share * approach(state, self.time_constant_s)
 
     def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
-        """The forces, relaxed since the end of the closing."""
+        """Return the forces, relaxed since the end of the closing."""
         held_s = np.maximum(at.since_s + self.dwell_s, 0.0)
         lost = self.relaxed_share * approach(held_s, self.time_constant_s)
         return np.asarray(force_n - lost * force_n)
@@ -75,15 +75,15 @@ class MullinsSoftening(Effect):
     repeat: int = 0
 
     def in_grasp(self, design: Design, setup: GraspSetup, context: GraspContext) -> Effect:
-        """The effect in this repeat."""
+        """Return the effect in this repeat."""
         return replace(self, repeat=context.repeat)
 
     def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
-        """Modulus over that of the first grasp, after so many repeats."""
+        """Return the modulus over that of the first grasp, after so many repeats."""
         return 1.0 - self.softening * approach(state, self.scale_repeats)
 
     def modify_theta(self, theta: Theta, design: Design) -> Theta:
-        """The softened modulus."""
+        """Return the softened modulus."""
         return with_modulus(theta, self.law(float(self.repeat)))
 
 
@@ -120,7 +120,7 @@ class HyperelasticStiffening(Effect):
     stiffening: float
 
     def strain_stiffening(self) -> float:
-        """beta, a pure number."""
+        """Return beta, a pure number."""
         return self.stiffening
 
 
@@ -155,18 +155,18 @@ class TemperatureSoftening(Effect):
     clock_s: float = 0.0
 
     def in_grasp(self, design: Design, setup: GraspSetup, context: GraspContext) -> Effect:
-        """The effect at this time of the batch."""
+        """Return the effect at this time of the batch."""
         return replace(self, clock_s=context.clock_s)
 
     def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
-        """Modulus over that when the batch began, after times in h."""
+        """Return the modulus over that when the batch began, after times in h."""
         return self._soften(state * _HOUR_S)
 
     def _soften(self, clock_s: Number) -> Number:
         return 1.0 - self.softening * approach(clock_s, self.warm_up_s)
 
     def modify_theta(self, theta: Theta, design: Design) -> Theta:
-        """The modulus at the present temperature."""
+        """Return the modulus at the present temperature."""
         return with_modulus(theta, self._soften(self.clock_s))
 
 
@@ -200,7 +200,7 @@ class BatchAgeing(Effect):
     change: float
 
     def modify_theta(self, theta: Theta, design: Design) -> Theta:
-        """The modulus of the aged tool."""
+        """Return the modulus of the aged tool."""
         return with_modulus(theta, 1.0 + self.change)
 
 
@@ -233,7 +233,7 @@ class PrintAnisotropy(Effect):
     rib_excess: float
 
     def stiffness_factor(self, points: np.ndarray, design: Design) -> np.ndarray | float:
-        """Factor (n) on the modulus of elements with their middle at `points` (n, 2) of the section, mm."""
+        """Return the factor (n) on the modulus of elements with middles at `points` (n, 2) of the section, mm."""
         if self.rib_excess == 0.0:
             return 1.0
         return np.where(

@@ -6,7 +6,7 @@ from fast.models.simulation.version import SimulatorVersion
 
 
 def scales_with_modulus(version: SimulatorVersion) -> bool:
-    """Whether every force of this version is exactly proportional to its Young's modulus (docs/reference/effects.md).
+    """Return whether every force of this version is exactly in proportion to its modulus (docs/reference/effects.md).
 
     Effects that break it count only away from their neutral values; an unknown effect is taken to break it.
     """
@@ -22,7 +22,7 @@ def _scales(value: EffectValue) -> bool:
 
 
 def force_ratio(old: SimulatorVersion, new: SimulatorVersion) -> float | None:
-    """What forces (and work) of `old` are multiplied with to be exactly those of `new`; None when nothing does it.
+    """Return what forces (and work) of `old` are multiplied with to be exactly those of `new`; None if nothing does it.
 
     Example:
         >>> from fast.models.records import Theta

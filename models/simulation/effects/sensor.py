@@ -29,19 +29,19 @@ class LiftMisalignment(Effect):
     shift_mm: float
 
     def delay_mm(self, lift_speed_mm_per_s: float) -> float:
-        """By how much the force comes late, mm of lift."""
+        """Return by how much the force comes late, mm of lift."""
         return self.shift_mm * lift_speed_mm_per_s / USUAL_LIFT_MM_PER_S
 
     def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
-        """How late the force is in the usual lift, the same all along it, mm."""
+        """Return how late the force is in the usual lift, the same all along it, mm."""
         return 0.0 * state + self.shift_mm
 
     def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
-        """The late forces."""
+        """Return the late forces."""
         return read_at(at.lift_mm - self.delay_mm(at.lift_speed_mm_per_s), at, force_n)
 
     def modify_trace(self, trace: Trace) -> Trace:
-        """The trace with the late force, on its own samples and those of the shifted force."""
+        """Return the trace with the late force, on its own samples and those of the shifted force."""
         if self.shift_mm == 0.0 or not trace.is_lift.any():
             return trace
         late_s = self.shift_mm / USUAL_LIFT_MM_PER_S
@@ -76,11 +76,11 @@ class LoadCellGain(Effect):
     gain: float
 
     def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
-        """Reported over true force, the same at all forces."""
+        """Return the reported over the true force, the same at all forces."""
         return 0.0 * state + self.gain
 
     def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
-        """The forces, scaled."""
+        """Scale the forces."""
         return self.gain * force_n
 
 
@@ -112,7 +112,7 @@ class LoadCellOffset(Effect):
     offset_n: float
 
     def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
-        """The forces with the offset."""
+        """Return the forces with the offset."""
         return force_n + self.offset_n
 
 
@@ -150,15 +150,15 @@ class LoadCellDrift(Effect):
     clock_s: float = 0.0
 
     def in_grasp(self, design: Design, setup: GraspSetup, context: GraspContext) -> Effect:
-        """The effect at this time of the batch."""
+        """Return the effect at this time of the batch."""
         return replace(self, clock_s=context.clock_s)
 
     def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
-        """Zero of the load cell, N, after times in h."""
+        """Return the zero of the load cell, N, after times in h."""
         return self.drift_per_hour_n * state
 
     def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
-        """The forces with the zero as it has drifted."""
+        """Return the forces with the zero as it has drifted."""
         clock_s = self.clock_s + at.start_s + at.since_s
         return np.asarray(force_n + self.drift_per_hour_n * clock_s / _HOUR_S)
 
@@ -192,21 +192,21 @@ class LoadCellLag(Effect):
     time_constant_s: float
 
     def delay_mm(self, lift_speed_mm_per_s: float) -> float:
-        """By how much the force comes late in the end, mm of lift."""
+        """Return by how much the force comes late in the end, mm of lift."""
         return lift_speed_mm_per_s * self.time_constant_s
 
     def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
-        """Delay of the load cell, the same all along the lift, s."""
+        """Return the delay of the load cell, the same all along the lift, s."""
         return 0.0 * state + self.time_constant_s
 
     def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
-        """The forces as the lagging transmitter reports them, the true force being linear in time between them."""
+        """Return the forces as the lagging transmitter reports them; true force is linear in time between them."""
         if self.time_constant_s == 0.0:
             return force_n
         return np.asarray(force_n - np.diff(force_n, axis=1) @ self._share_behind(at.since_s))
 
     def _share_behind(self, at_s: np.ndarray) -> np.ndarray:
-        """Share of the j-th change of force (rows) by which the i-th reading (columns) is behind, (m - 1) x m.
+        """Compute the share of the j-th force change (rows) by which the i-th reading (columns) is behind, (m - 1) x m.
 
         The force changes evenly from one time to the next; the lag is then behind by tau / step (1 - exp(-step / tau))
         of the change, and forgets that with time constant tau.
@@ -216,7 +216,7 @@ class LoadCellLag(Effect):
         return np.asarray(at_end[:, None] * np.where(since_s < 0.0, 0.0, np.exp(-np.maximum(since_s, 0.0) / tau_s)))
 
     def modify_trace(self, trace: Trace) -> Trace:
-        """The trace as the lagging transmitter reports it, starting from the true force."""
+        """Return the trace as the lagging transmitter reports it, starting from the true force."""
         tau = self.time_constant_s
         if tau == 0.0 or len(trace.time_s) < 2:
             return trace
@@ -264,17 +264,17 @@ class ToolWeight(Effect):
     weight_n: float = 0.0
 
     def in_grasp(self, design: Design, setup: GraspSetup, context: GraspContext) -> Effect:
-        """The effect with the weight of this tool."""
+        """Return the effect with the weight of this tool."""
         return self if self.share == 0.0 else replace(self, weight_n=fingers_weight_n(design))
 
     def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
-        """The forces with the weight."""
+        """Return the forces with the weight."""
         return force_n + self.share * self.weight_n
 
 
 @lru_cache(maxsize=64)
 def fingers_weight_n(design: Design) -> float:
-    """Weight of the compliant bodies of both fingers, N."""
+    """Return the weight of the compliant bodies of both fingers, N."""
     volume_mm3 = design.draw_section().area * design.width_mm
     return N_FINGERS * force_n_from_kg(DENSITY_KG_PER_MM3 * volume_mm3)
 

@@ -153,10 +153,10 @@ class EffectSpec(Record):
 
 
 def amplitude(name: str, lower: float, upper: float, prior: tuple[float, float], neutral: float = 0.0) -> ParameterSpec:
-    """A parameter at whose neutral value the effect vanishes; `prior` is median and standard deviation."""
+    """Make a parameter at whose neutral value the effect vanishes; `prior` is median and standard deviation."""
     return ParameterSpec(name=name, lower=lower, upper=upper, neutral=neutral, prior_median=prior[0], prior_sd=prior[1])
 
 
 def shape(name: str, lower: float, upper: float, prior: tuple[float, float], *, has_runs: bool = True) -> ParameterSpec:
-    """A parameter that only shapes the effect, such as a time constant; `prior` is median and standard deviation."""
+    """Make a parameter that only shapes the effect, like a time constant; `prior` is median and standard deviation."""
     return amplitude(name, lower, upper, prior, neutral=prior[0]).model_copy(update={"has_runs": has_runs})

@@ -35,11 +35,11 @@ class State:
     scale: float
 
     def place(self, state: np.ndarray) -> np.ndarray:
-        """Where states are on the axis along which the law is smooth."""
+        """Place states on the axis along which the law is smooth."""
         return np.asarray(np.log1p(state / self.scale))
 
     def state_at(self, place: np.ndarray) -> np.ndarray:
-        """Inverse of `place`."""
+        """Invert `place`."""
         return np.asarray(self.scale * np.expm1(place))
 
 
@@ -52,12 +52,12 @@ class Quantity:
 
 
 def of_context(name: str, unit: float = 1.0) -> OfGrasp:
-    """A state that a grasp has from those before it, in units of so much."""
+    """Make a state that a grasp has from those before it, in units of so much."""
     return lambda design, setup, context: float(getattr(context, name)) / unit
 
 
 def of_design(name: str) -> OfGrasp:
-    """A parameter of the design; fingers of families without it all stand at 0."""
+    """Make a state from a parameter of the design; fingers of families without it all stand at 0."""
     return lambda design, setup, context: float(getattr(design, name, 0.0))
 
 

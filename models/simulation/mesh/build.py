@@ -51,7 +51,7 @@ def build_mesh(
 def build_moved_mesh(
     mesh: SolidMesh, before: Polygon, design: Design, settings: MeshSettings, effects: Sequence[Effect]
 ) -> SolidMesh | None:
-    """The extruded mesh of a finger that differs a little from that of `mesh`, whose profile is `before`.
+    """Build the extruded mesh of a finger that differs a little from that of `mesh`, whose profile is `before`.
 
     The same elements at other places; None where the difference is not little enough for that.
     """
@@ -77,7 +77,7 @@ def _sweep(
 
 
 def _ordered_as(before: Polygon, after: Polygon) -> Polygon | None:
-    """A profile with its corners and voids in the order of another that is nearly the same; None if it is not."""
+    """Order a profile's corners and voids as those of another that is nearly the same; None if it is not."""
     before, after = orient(before), orient(after)
     if len(before.interiors) != len(after.interiors):
         return None
@@ -91,26 +91,26 @@ def _ordered_as(before: Polygon, after: Polygon) -> Polygon | None:
 
 
 def _ring_as(before: LinearRing, after: LinearRing) -> np.ndarray | None:
-    """Corners (n, 2) of a ring, each the nearest to the corner in its place of another ring; None if one is missing."""
+    """Order corners (n, 2) of a ring, each the nearest to that in its place of another ring; None if one is missing."""
     old, new = np.array(before.coords)[:-1], np.array(after.coords)[:-1]
     nearest = np.argmin(((old[:, None] - new[None]) ** 2).sum(axis=2), axis=1)
     return new[nearest] if len(old) == len(new) == len(np.unique(nearest)) else None
 
 
 def printed_section(section: PlanarMesh, design: Design, effects: Sequence[Effect]) -> PlanarMesh:
-    """The mesh of the section after the geometry effects that act on points."""
+    """Return the mesh of the section after the geometry effects that act on points."""
     return replace(section, points=printed_points(section.points, design, effects))
 
 
 def printed_points(points: np.ndarray, design: Design, effects: Sequence[Effect]) -> np.ndarray:
-    """Where points (n, 2) of the section, x and z in mm, are after the geometry effects that act on points."""
+    """Return where points (n, 2) of the section, x and z in mm, are after the geometry effects that act on points."""
     for effect in effects:
         points = effect.modify_section(points, design)
     return points
 
 
 def printed_profile(design: Design, settings: MeshSettings, effects: Sequence[Effect]) -> Polygon:
-    """Planar profile (x, z in mm) with fillets, after the geometry effects.
+    """Return the planar profile (x, z in mm) with fillets, after the geometry effects.
 
     A coarse mesh shows a fillet as one chamfer, a refined one as an arc of as many sides.
     """
@@ -121,7 +121,7 @@ def printed_profile(design: Design, settings: MeshSettings, effects: Sequence[Ef
 
 
 def extrude(planar: PlanarMesh, levels: np.ndarray, *, symmetric: bool) -> SolidMesh:
-    """C3D15 and C3D20R between consecutive `levels` of y (mm); the first is the symmetry plane if `symmetric`.
+    """Extrude to C3D15 and C3D20R between consecutive `levels` of y (mm); the first is symmetry plane if `symmetric`.
 
     Levels between layers carry all planar points, the middles of the layers only the vertices (serendipity).
     """
@@ -145,7 +145,7 @@ def extrude(planar: PlanarMesh, levels: np.ndarray, *, symmetric: bool) -> Solid
 
 
 def contact_edges(planar: PlanarMesh) -> np.ndarray:
-    """Edges (e, 3) on the front wall x = 0 and on the tip plane z = max."""
+    """List the edges (e, 3) on the front wall x = 0 and on the tip plane z = max."""
     x, z = planar.points[planar.edges].transpose(2, 0, 1)
     apex = planar.points[:, 1].max()
     on_front = (np.abs(x) < PLANE_TOLERANCE_MM).all(axis=1)
@@ -154,7 +154,7 @@ def contact_edges(planar: PlanarMesh) -> np.ndarray:
 
 
 def _swept(elements: np.ndarray, n_points: int, stride: int) -> np.ndarray:
-    """Solid elements of one layer from planar ones (m, 2 k): corners and middles below, above, then between."""
+    """Make solid elements of one layer from planar ones (m, 2 k): corners and middles below, above, then between."""
     k = elements.shape[1] // 2
     # Counter-clockwise in (x, z) looks along -y, so the corners are taken clockwise to extrude towards +y.
     corners = np.roll(elements[:, :k][:, ::-1], 1, axis=1)
@@ -163,7 +163,7 @@ def _swept(elements: np.ndarray, n_points: int, stride: int) -> np.ndarray:
 
 
 def _faces(edges: np.ndarray, n_points: int, stride: int) -> np.ndarray:
-    """Eight-node faces over the edges (e, 3) of one layer."""
+    """Make the eight-node faces over the edges (e, 3) of one layer."""
     a, b, middle = edges.T
     return np.column_stack([a, b, b + stride, a + stride, middle, b + n_points, middle + stride, a + n_points])
 

@@ -21,7 +21,7 @@ _UPRIGHT = [5, 7]  # middles of the two edges across the section: each belongs t
 
 
 def cavity_faces(mesh: SolidMesh) -> tuple[np.ndarray, np.ndarray]:
-    """Faces (f, 8) that look into a cavity, and the number (f) of the cavity and layer that each belongs to.
+    """Find the faces (f, 8) that look into a cavity, and the number (f) of the cavity and layer that each belongs to.
 
     Seen from inside the cavity the corners of a face turn as those of its element do: a, b, b', a'. A mesh of
     tetrahedra has no layers; its faces are left out.
@@ -42,7 +42,7 @@ def cavity_faces(mesh: SolidMesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _open_faces(faces: np.ndarray) -> np.ndarray:
-    """The faces that belong to one element only."""
+    """Return the faces that belong to one element only."""
     _, first, count = np.unique(np.sort(faces[:, :4], axis=1), axis=0, return_index=True, return_counts=True)
     return faces[np.sort(first[count == 1])]
 

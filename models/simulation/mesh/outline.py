@@ -30,12 +30,12 @@ class Outline:
         self.n_corners = len(self.points)
 
     def sides(self) -> tuple[np.ndarray, np.ndarray]:
-        """Starts and ends (n, 2) of the boundary's sides, by the number of their starting point."""
+        """Return the starts and ends (n, 2) of the boundary's sides, by the number of their starting point."""
         points = np.array(self.points)
         return points, points[self.following]
 
     def is_side(self, a: int, b: int) -> bool:
-        """True if the boundary runs straight from a to b."""
+        """Return whether the boundary runs straight from a to b."""
         return self.following[a] == b
 
     def insert(self, a: int, point: np.ndarray) -> int:
@@ -81,7 +81,7 @@ class Outline:
             self.chords.append((p, b))
 
     def _near(self, a: int, place: float, length: float, depth: float) -> int | None:
-        """An end of the side at a that may stand for the point at `place` mm along it."""
+        """Find an end of the side at a that may stand for the point at `place` mm along it."""
         ends = sorted(((place, a), (length - place, self.following[a])))
         for gap, end in ends:
             if gap <= (SNAP_TO_CORNER if end < self.n_corners else SNAP_TO_STATION) * depth:
@@ -89,7 +89,7 @@ class Outline:
         return None
 
     def _is_crossed(self, a: int, goal: tuple[int, ...], target: np.ndarray) -> bool:
-        """True if the chord from point a to `target` meets a side or a chord that has no end in a or `goal`."""
+        """Return whether the chord from point a to `target` meets a side or a chord with no end in a or `goal`."""
         points = np.array(self.points)
         ends = np.array([*enumerate(self.following), *self.chords])
         ends = ends[~np.isin(ends, (a, *goal)).any(axis=1)]
@@ -99,7 +99,7 @@ class Outline:
         return bool((~apart & ~beside).any())
 
     def parts(self) -> list[list[int]]:
-        """The parts into which the chords cut the material, as counter-clockwise point numbers.
+        """Return the parts into which the chords cut the material, as counter-clockwise point numbers.
 
         A part with a hole is given as its triangles.
         """
@@ -113,7 +113,7 @@ class Outline:
         return [part for part in parts if not self._is_void(part)]
 
     def _is_void(self, part: list[int]) -> bool:
-        """True if the boundary runs around the part the other way."""
+        """Return whether the boundary runs around the part the other way."""
         return all(self.is_side(b, a) for a, b in zip(part, np.roll(part, -1), strict=True))
 
 

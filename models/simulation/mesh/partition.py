@@ -13,7 +13,7 @@ WORST_SINE = 1e-4  # corners flatter than this make a piece unusable
 
 
 def partition(points: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Triangles (t, 3) and quadrilaterals (q, 4) of the vertices of a counter-clockwise polygon (n, 2).
+    """Divide a counter-clockwise polygon (n, 2) into triangles (t, 3) and quadrilaterals (q, 4) of its vertices.
 
     Minimises the sum over pieces of 1/sin^2 of their worst corner. None if no division has usable corners.
     """
@@ -39,7 +39,7 @@ def partition(points: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
 
 @nb.njit(inline="always")
 def _corner(points: np.ndarray, a: int, b: int, c: int) -> float:
-    """Sine of the angle at b between the sides to a and to c; negative when the corner is reflex."""
+    """Return the sine of the angle at b between the sides to a and to c; negative when the corner is reflex."""
     ux, uz = points[c, 0] - points[b, 0], points[c, 1] - points[b, 1]
     vx, vz = points[a, 0] - points[b, 0], points[a, 1] - points[b, 1]
     return (ux * vz - uz * vx) / np.sqrt((ux * ux + uz * uz) * (vx * vx + vz * vz))
@@ -47,7 +47,7 @@ def _corner(points: np.ndarray, a: int, b: int, c: int) -> float:
 
 @nb.njit(cache=True)
 def _best(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least cost (n, n) of each sub-polygon i..j, and its piece at the side i-j: (k, m), or (k, -1) for a triangle."""
+    """Find the least cost (n, n) of each sub-polygon i..j, its piece at side i-j: (k, m), or (k, -1) for a triangle."""
     n = len(points)
     cost = np.full((n, n), np.inf)
     choice = np.full((n, n, 2), -1)

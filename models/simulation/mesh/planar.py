@@ -22,7 +22,7 @@ class PlanarMesh:
 
 
 def add_middles(vertices: np.ndarray, triangles: np.ndarray, quadrilaterals: np.ndarray) -> PlanarMesh:
-    """Quadratic elements from corners (v, 2), (t, 3) and (q, 4): one more point in the middle of every edge."""
+    """Make quadratic elements from corners (v, 2), (t, 3) and (q, 4): one more point in the middle of every edge."""
     sides = [_sides(triangles), _sides(quadrilaterals)]
     edges, inverse = np.unique(np.vstack(sides), axis=0, return_inverse=True)
     middles = len(vertices) + inverse.ravel()
@@ -37,7 +37,7 @@ def add_middles(vertices: np.ndarray, triangles: np.ndarray, quadrilaterals: np.
 
 
 def split(mesh: PlanarMesh) -> PlanarMesh:
-    """Uniform refinement: every element into four, through its edge middles and the centre of a quadrilateral."""
+    """Split every element uniformly into four, through its edge middles and the centre of a quadrilateral."""
     a, b, c, ab, bc, ca = mesh.triangles.T
     triangles = np.stack([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]).transpose(0, 2, 1).reshape(-1, 3)
     a, b, c, d, ab, bc, cd, da = mesh.quadrilaterals.T
@@ -48,5 +48,5 @@ def split(mesh: PlanarMesh) -> PlanarMesh:
 
 
 def _sides(elements: np.ndarray) -> np.ndarray:
-    """Sides (m k, 2) of elements (m, k), the lower vertex first."""
+    """List the sides (m k, 2) of elements (m, k), the lower vertex first."""
     return np.sort(np.stack([elements, np.roll(elements, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)

@@ -41,7 +41,7 @@ def planar_mesh(profile: Polygon, edge_mm: float, refine: int = 0) -> PlanarMesh
 
 
 def _project_corners(outline: Outline) -> None:
-    """Chords from both faces at every inner corner, straight through the material."""
+    """Draw chords from both faces at every inner corner, straight through the material."""
     start, end = outline.sides()
     before = np.argsort(outline.following)
     along = end - start
@@ -55,7 +55,7 @@ def _project_corners(outline: Outline) -> None:
 
 
 def _strip_side(outline: Outline, part: list[int]) -> int | None:
-    """For a piece of wall, the number (0 or 1) of the first of its two opposite sides on the boundary; else None.
+    """Return the number (0 or 1) of the first of the two opposite boundary sides of a piece of wall; else None.
 
     A piece of wall has four corners; where all its sides are on the boundary, the longer two count.
     """
@@ -89,7 +89,7 @@ def _divide_sides(outline: Outline, part: list[int], edge_mm: float) -> None:
 
 
 def _elements(outline: Outline, edge_mm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles (t, 3) and quadrilaterals (q, 4) of all cells."""
+    """Return the triangles (t, 3) and quadrilaterals (q, 4) of all cells."""
     triangles, quads = [np.zeros((0, 3), dtype=int)], [np.zeros((0, 4), dtype=int)]
     for part in outline.parts():
         first = _strip_side(outline, part)
@@ -106,7 +106,7 @@ def _elements(outline: Outline, edge_mm: float) -> tuple[np.ndarray, np.ndarray]
 
 
 def _divided_strip(outline: Outline, part: list[int], edge_mm: float) -> np.ndarray:
-    """A piece of wall, its first and third side on the boundary, as a row of quadrilaterals (n, 4)."""
+    """Divide a piece of wall, its first and third side on the boundary, into a row of quadrilaterals (n, 4)."""
     a, b, c, d = part
     corners = np.array(outline.points)[[a, b, c, d]]
     side = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
@@ -117,7 +117,7 @@ def _divided_strip(outline: Outline, part: list[int], edge_mm: float) -> np.ndar
 
 
 def graded(length: float, near: float, far: float) -> np.ndarray:
-    """Fractions (n) that divide a length into pieces of about `near` at both ends, growing to at most `far`."""
+    """Return fractions (n) that divide a length into pieces of about `near` at both ends, growing to at most `far`."""
     place = np.linspace(0.0, 1.0, 257)
     to_end = length * np.minimum(place, 1.0 - place)
     density = length / np.minimum(far, near + GROWTH * to_end)
@@ -141,6 +141,6 @@ def _check_area(vertices: np.ndarray, triangles: np.ndarray, quads: np.ndarray, 
 
 
 def _areas(corners: np.ndarray) -> np.ndarray:
-    """Areas (m) of polygons with corners (m, k, 2)."""
+    """Return the areas (m) of polygons with corners (m, k, 2)."""
     following = np.roll(corners, -1, axis=1)
     return 0.5 * (corners[..., 0] * following[..., 1] - corners[..., 1] * following[..., 0]).sum(axis=1)

@@ -75,12 +75,12 @@ class SolidMesh:
         return "M" + digest.hexdigest()[:12]
 
     def to_arrays(self) -> dict[str, np.ndarray]:
-        """Plain arrays by name, for caching; the elements go by the name of their kind."""
+        """Return plain arrays by name, for caching; the elements go by the name of their kind."""
         elements = {str(block.kind): block.connectivity for block in self.blocks}
         return {"nodes": self.nodes, **elements, **{name: getattr(self, name) for name in _NODE_SETS}}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> Self:
-        """Inverse of `to_arrays`."""
+        """Invert `to_arrays`."""
         blocks = tuple(ElementBlock(kind, np.asarray(arrays[kind])) for kind in N_NODES if kind in arrays)
         return cls(np.asarray(arrays["nodes"]), blocks, *(np.asarray(arrays[name]) for name in _NODE_SETS))

@@ -41,7 +41,7 @@ def tetwild_mesh(
 
 
 def extruded_surface(profile: Polygon, width_mm: float, *, full_width: bool) -> trimesh.Trimesh:
-    """Watertight surface of the extruded profile in the finger frame."""
+    """Return the watertight surface of the extruded profile in the finger frame."""
     depth = width_mm if full_width else 0.5 * width_mm
     body = trimesh.creation.extrude_polygon(profile, depth)
     x, z, y = body.vertices.T
@@ -53,7 +53,7 @@ def extruded_surface(profile: Polygon, width_mm: float, *, full_width: bool) -> 
 def tetrahedralise(
     vertices: np.ndarray, faces: np.ndarray, edge_mm: float, time_limit_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Linear tetrahedra: vertices (v, 3) and corners (t, 4), from a closed surface, in a process of its own.
+    """Make linear tetrahedra: vertices (v, 3) and corners (t, 4), from a closed surface, in a process of its own.
 
     Raises:
         MeshingFailed: `time_out`, `crash` (the process died or raised), or `empty`.
@@ -96,7 +96,7 @@ def _collect(worker: SpawnProcess, receiver: Connection, time_limit_s: float) ->
 
 
 def _work(sender: Connection, folder: str, vertices: np.ndarray, faces: np.ndarray, edge_mm: float) -> None:
-    """Body of the worker process."""
+    """Do the work of the worker process."""
     try:
         from pytetwild import tetrahedralize
 
@@ -119,7 +119,7 @@ def _work(sender: Connection, folder: str, vertices: np.ndarray, faces: np.ndarr
 def quadratic_mesh(
     vertices: np.ndarray, tetrahedra: np.ndarray, base_z: float, apex_z: float, *, is_half: bool
 ) -> SolidMesh:
-    """Ten-node tetrahedra from linear ones, with the sets of the finger frame."""
+    """Make ten-node tetrahedra from linear ones, with the sets of the finger frame."""
     a, b, c, d = vertices[tetrahedra].transpose(1, 0, 2)
     volume = np.einsum("ti,ti->t", np.cross(b - a, c - a), d - a)
     corners = np.where((volume > 0)[:, None], tetrahedra, tetrahedra[:, [0, 2, 1, 3]])
@@ -142,7 +142,7 @@ def quadratic_mesh(
 
 
 def _contact_faces(nodes: np.ndarray, elements: np.ndarray, apex_z: float) -> np.ndarray:
-    """Six-node element faces (f, 6) on the front wall x = 0 and on the tip plane."""
+    """Find the six-node element faces (f, 6) on the front wall x = 0 and on the tip plane."""
     sides = np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [2, 0, 3, 6, 7, 9]])
     faces = elements[:, sides].reshape(-1, 6)
     on_front = (nodes[faces, 0] == 0.0).all(axis=1)

@@ -48,7 +48,7 @@ class FingerResult:
 
 
 def sum_of_fingers(fingers: Sequence[FingerResult], pulls_n: Sequence[np.ndarray], scale: float) -> Trace:
-    """Load-cell trace of both fingers with vertical forces (n each); where their steps differ, on all their times."""
+    """Sum both fingers' vertical forces (n each) to a load-cell trace; where their steps differ, on all their times."""
     if len(fingers) == 1:
         only = fingers[0]
         return Trace(only.time_s, only.lift_mm, 2.0 * scale * pulls_n[0])

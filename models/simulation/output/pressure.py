@@ -8,7 +8,7 @@ PATCH_MM2 = 10.0  # the pressure at a point has no limit at an edge, that of an 
 
 
 def patch_pressure(pressure: np.ndarray, areas_mm2: np.ndarray, patch_mm2: float = PATCH_MM2) -> float:
-    """Mean pressure over the `patch_mm2` of a contact that are pressed most, connected or not.
+    """Return the mean pressure over the `patch_mm2` of a contact that are pressed most, connected or not.
 
     pressure, areas_mm2: of the points that touch (n). Where fewer touch, the rest of the patch has no pressure.
     """
@@ -22,7 +22,7 @@ class PressureGauge:
     """Follows the pressure of one finger on the object; `largest` is the largest so far, in the units it is given."""
 
     def __init__(self, areas_mm2: np.ndarray, is_half: bool) -> None:
-        """`areas_mm2`: of every contact point (n); those of half a finger have mirror images."""
+        """Take `areas_mm2`: of every contact point (n); those of half a finger have mirror images."""
         self.largest = 0.0
         self._areas_mm2, self._patch_mm2 = areas_mm2, PATCH_MM2 / 2.0 if is_half else PATCH_MM2
 

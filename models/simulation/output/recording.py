@@ -121,11 +121,11 @@ class GraspRecording:
     snapshots: dict[Side, list[Snapshot]] = field(default_factory=lambda: {side: [] for side in SIDES})
 
     def add(self, snapshot: Snapshot) -> None:
-        """The recorder to hand to `simulate_grasp`."""
+        """Add a snapshot; hand this method to `simulate_grasp` as its recorder."""
         self.snapshots[snapshot.side].append(snapshot)
 
     def of(self, side: Side) -> list[Snapshot]:
-        """Snapshots of a finger; where only the right one is solved, it stands for both."""
+        """Return the snapshots of a finger; where only the right one is solved, it stands for both."""
         return self.snapshots[side] or self.snapshots["right"]
 
     @property

@@ -49,14 +49,14 @@ class Skin:
     triangles: np.ndarray
 
     def vertices(self, positions: np.ndarray) -> np.ndarray:
-        """Surface points (v, 3) at deformed nodes (n, 3)."""
+        """Return the surface points (v, 3) at deformed nodes (n, 3)."""
         vertices = positions[self.nodes]
         vertices[:, 1] *= self.sign_y
         return vertices
 
 
 def skin_of(mesh: SolidMesh) -> Skin:
-    """Outer surface of the finger, both halves of it.
+    """Return the outer surface of the finger, both halves of it.
 
     Faces belong to the surface when one element has them; the cut y = 0 of a half mesh does not count.
 
@@ -82,7 +82,7 @@ def skin_of(mesh: SolidMesh) -> Skin:
 
 
 def section_of(mesh: SolidMesh) -> list[np.ndarray]:
-    """Rims (k,) of the element faces in the middle plane y = 0, in order; of the lower flank if none lie there."""
+    """Find the rims (k,) of element faces in the middle plane y = 0, in order; of the lower flank if none lie there."""
     y = mesh.nodes[:, 1]
     faces = {_key(face): face for face in _faces(mesh)}.values()
     for level in (0.0, float(y.min())):
@@ -93,19 +93,19 @@ def section_of(mesh: SolidMesh) -> list[np.ndarray]:
 
 
 def section_outline(section: list[np.ndarray]) -> np.ndarray:
-    """Pieces (e, 2) of the section's outline, between consecutive nodes along its rims."""
+    """Return pieces (e, 2) of the section's outline, between consecutive nodes along its rims."""
     edges = [edge for face in section for edge in zip(face, np.roll(face, -1), strict=True)]
     times = Counter(frozenset(edge) for edge in edges)
     return np.array([edge for edge in edges if times[frozenset(edge)] == 1])
 
 
 def _faces(mesh: SolidMesh) -> list[np.ndarray]:
-    """Rims of all faces of all elements, mid-side nodes between the corners."""
+    """List the rims of all faces of all elements, mid-side nodes between the corners."""
     return [face for block in mesh.blocks for rim in _rims(block) for face in block.connectivity[:, rim]]
 
 
 def _rims(block: ElementBlock) -> list[np.ndarray]:
-    """Local nodes along the rim of each face of an element kind."""
+    """List the local nodes along the rim of each face of an element kind."""
     middles = _MIDDLES[block.kind]
     rims = []
     for corners in _FACES[block.kind]:

@@ -6,14 +6,14 @@ from fast.models.simulation.mesh.solid import SolidMesh
 
 
 def rotation_between(rest: np.ndarray, now: np.ndarray) -> np.ndarray:
-    """Rotation (3, 3) that brings points (n, 3) nearest to where they are now (n, 3), least squares (Kabsch 1976)."""
+    """Find the rotation (3, 3) that brings points (n, 3) nearest to those now (n, 3), least squares (Kabsch 1976)."""
     u, _, vt = np.linalg.svd((rest - rest.mean(axis=0)).T @ (now - now.mean(axis=0)))
     handed = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
     return np.asarray((u @ handed @ vt).T)
 
 
 def twist_about_z_deg(rotation: np.ndarray) -> float:
-    """Part of a rotation (3, 3) about z, counter-clockwise, that is left after the shortest tilt of the axis.
+    """Return the part of a rotation (3, 3) about z, counter-clockwise, that is left after the axis's shortest tilt.
 
     Of the quaternion (w, x, y, z) of the rotation, 2 atan(z / w): bending about x or y does not count.
     """
@@ -28,7 +28,7 @@ class TwistGauge:
     """
 
     def __init__(self, mesh: SolidMesh, rest_nodes: np.ndarray, tip_length_mm: float) -> None:
-        """`mesh` in the finger frame, `rest_nodes` (n, 3) the undeformed finger in that of the calculation."""
+        """Take `mesh` in the finger frame, `rest_nodes` (n, 3), the undeformed finger, in the calculation's."""
         self.largest_deg = 0.0
         self._tip = np.flatnonzero(_is_tip(mesh, tip_length_mm) & (not mesh.is_half))
         self._rest = rest_nodes[self._tip]

@@ -64,7 +64,7 @@ class _Copy:
 
 
 def copy_finger(finger: FingerStep, base: FingerProblem, moved: FingerProblem) -> FingerStep:
-    """A finger with the elements and contact points of `finger`, for a problem a little away from its own, `base`."""
+    """Copy `finger`, with its elements and contact points, for a problem a little away from its own, `base`."""
     nodes = finger.nodes if moved.mesh is base.mesh else moved.nodes()
     body = finger.body.moved(nodes, moved.material, moved.factors())
     return finger.copied(body, finger.surface.moved(finger.nodes, nodes, moved.law), nodes)
@@ -84,7 +84,7 @@ class Copies:
         closes_further: bool,
         deadline: float,
     ) -> None:
-        """`moved`: the change of each parameter and the problem with it; `deadline` a time of `time.monotonic`."""
+        """Take `moved`: each parameter's change and the problem with it; `deadline`, a time of `time.monotonic`."""
         self._problem, self._deadline = problem, deadline
         self._numbered: FingerStep | None = None
         self._closes_further = closes_further
@@ -100,7 +100,7 @@ class Copies:
         return {name: copy.failure for name, copy in self._copies.items() if copy.failure}
 
     def walk(self, way: Walk, n_samples: int, until_mm: float) -> dict[str, np.ndarray]:
-        """Slopes (n_samples, 3) of the clamp's force per unit, by name, from a walk of every copy the finger's way.
+        """Walk every copy the finger's way; returns slopes (n_samples, 3) of the clamp's force per unit, by name.
 
         They go to the end of the first step that reaches a lift of `until_mm`; NaN after it.
         """
@@ -118,7 +118,7 @@ class Copies:
         return _place(rows, n_samples)
 
     def _follow(self, step: Step) -> dict[str, np.ndarray]:
-        """Walk every copy through a step of the finger; slopes of the clamp's force (3) per unit, by name."""
+        """Walk every copy through a step of the finger; return slopes of the clamp's force (3) per unit, by name."""
         if self._copies:
             self._renew(step.finger)
             begun, ended, rest = self._factorise(step.finger, step.before, step.state, step.dt_s)
@@ -128,7 +128,7 @@ class Copies:
         return self._slopes()
 
     def _stop_closing(self, finger: FingerStep, state: FingerState, clamp_n: np.ndarray) -> dict[str, np.ndarray]:
-        """The closing has ended at a state at rest: the copies rest too, and one of them closes a little further.
+        """Stop closing, ended at a state at rest: the copies rest too, and one of them closes a little further.
 
         Returns the slopes then, as `_follow` does.
         """
@@ -161,7 +161,7 @@ class Copies:
     def _factorise(
         self, finger: FingerStep, before: FingerState, after: FingerState, dt_s: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The step's first guess, its end and what is left there of its residual (n, 3); its tangent is factorised."""
+        """Return the step's first guess, end and what is left of its residual (n, 3) there; factorise its tangent."""
         check_deadline(self._deadline)
         begun = finger.begin(before, after.base, dt_s, self._problem.friction(before))
         ended = finger.unknowns_of(after)
@@ -181,7 +181,7 @@ class Copies:
         dt_s: float,
         clamp_n: np.ndarray,
     ) -> None:
-        """One step of a copy: from its own state before, to the same rest of residual as the finger's."""
+        """Walk a copy one step: from its own state before, to the same rest of residual as the finger's."""
         finger, state = copy.finger, copy.state
         u = ended + (finger.begin(state, base, dt_s, copy.problem.friction(state)) - begun)
         tolerance_n = max(RELATIVE * max(copy.largest_n, LEAST_N), ROUNDING_N)
@@ -197,7 +197,7 @@ class Copies:
 
 
 def _place(rows: Sequence[tuple[int, Mapping[str, np.ndarray]]], n_samples: int) -> dict[str, np.ndarray]:
-    """Slopes (n_samples, 3) by name, each from its sample to the next; 0 before the first one, NaN after the last."""
+    """Place slopes (n_samples, 3) by name, each from its sample to the next; 0 before the first, NaN after the last."""
     found = {name: np.full((n_samples, 3), np.nan) for name in rows[-1][1]}
     ends = [*(sample for sample, _ in rows[1:]), rows[-1][0] + 1]
     for name, values in found.items():

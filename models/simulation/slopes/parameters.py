@@ -66,7 +66,7 @@ class Parameter:
 
 
 def find_parameters(grasp: GraspInputs, names: Sequence[str] | str) -> dict[str, Parameter]:
-    """The parameters of these names, as they are named there; `all`: those of finger, material and closing.
+    """Find the parameters of these names, as they are named there; `all`: those of finger, material and closing.
 
     One that is named twice, or by both of its names, is there once, by the first.
 
@@ -108,7 +108,7 @@ def _refusal(name: str, grasp: GraspInputs, known: Sequence[str]) -> str:
 
 
 def _nearest(name: str, known: Sequence[str]) -> list[str]:
-    """The known names most like this one, whole or the effect or parameter in them; upper case is as lower case."""
+    """Find the known names most like this one, whole or the effect or parameter in them; case does not matter."""
     names: dict[str, list[str]] = {}
     for own in known:
         for part in dict.fromkeys([own, *own.split(".")]):
@@ -145,7 +145,7 @@ def _parameters(grasp: GraspInputs) -> Iterator[Parameter]:
 
 
 def _scales(grasp: GraspInputs) -> bool:
-    """Whether forces are in exact proportion to the modulus, so that its slope needs no copy."""
+    """Return whether forces are in exact proportion to the modulus, so that its slope needs no copy."""
     if grasp.effects is not None:
         return all(effect.scales_with_modulus for effect in grasp.effects)
     return scales_with_modulus(grasp.version)
@@ -168,7 +168,7 @@ def _of_theta(grasp: GraspInputs) -> Iterator[Parameter]:
 
 
 def _of_design(grasp: GraspInputs) -> Iterator[Parameter]:
-    """The continuous numbers of the finger."""
+    """Yield the continuous numbers of the finger."""
     for field, info in type(grasp.design).model_fields.items():
         if info.annotation is not float:
             continue
@@ -199,7 +199,7 @@ def _limit(metadata: Sequence[Any], name: str) -> float:
 
 
 def _of_effect(grasp: GraspInputs, spec: EffectSpec) -> Iterator[Parameter]:
-    """The parameters of an effect; one that is not switched on is moved from where it vanishes."""
+    """Yield the parameters of an effect; one that is not switched on is moved from where it vanishes."""
     own = next((value.parameters for value in grasp.version.effects if value.effect == spec.effect), {})
     present = spec.neutral.parameters | own
     kind = spec.kind

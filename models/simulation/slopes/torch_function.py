@@ -21,7 +21,7 @@ class PeakFunction:
     """Peak pull-off forces in N (...) of values (... x d) of the parameters `names`, all else as in `inputs`."""
 
     def __init__(self, inputs: GraspInputs, names: Sequence[str] | str | None = None) -> None:
-        """`names` default to the numbers of the design, whose whole ones are rounded and have slope 0.
+        """Take `names`, by default the numbers of the design, whose whole ones are rounded and have slope 0.
 
         Raises:
             UsageError: a name is of no parameter, of one without a slope (a whole number), or there twice.
@@ -43,7 +43,7 @@ class PeakFunction:
         self._along = tuple(name for name in self.names if name not in self._whole)
 
     def __call__(self, values: torch.Tensor) -> torch.Tensor:
-        """One simulated grasp for every row.
+        """Simulate one grasp for every row.
 
         Raises:
             UsageError: no tensor of decimal numbers, of another shape, with a value out of its range, or in a
@@ -70,7 +70,7 @@ class PeakFunction:
         return peaks
 
     def simulate(self, row: Sequence[float], has_slopes: bool) -> tuple[float, list[float]]:
-        """The peak at one row of values, and its slopes if they are wanted."""
+        """Simulate the peak at one row of values, and its slopes if they are wanted."""
         inputs, whole = self.inputs, {}
         for name, value in zip(self.names, row, strict=True):
             if not math.isfinite(value):

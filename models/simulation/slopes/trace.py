@@ -46,7 +46,7 @@ class SlopesPlan:
     def walk_copies(
         self, finger: FingerResult, problem: FingerProblem, until_mm: float, deadline: float
     ) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-        """Slopes (n, 3) of one finger's force by name, up to a lift, and why copies of it were given up."""
+        """Walk copies of one finger: slopes (n, 3) of its force by name, up to a lift, and why copies were given up."""
         if finger.walk is None:
             return {}, {}
         rolled = {
@@ -61,7 +61,7 @@ class SlopesPlan:
 def plan_slopes(
     parameters: Mapping[str, Parameter], problem: FingerProblem, inputs: GraspInputs, *, has_own_mesh: bool
 ) -> SlopesPlan:
-    """What to do for the slopes by these parameters; `problem` is the grasp's, whose mesh may be one of its own."""
+    """Plan what to do for the slopes by these parameters; `problem` is the grasp's, whose mesh may be its own."""
     moved: dict[str, tuple[float, FingerProblem]] = {}
     finite, lost = [name for name, parameter in parameters.items() if parameter.is_finite], {}
     for name, parameter in parameters.items():
@@ -82,7 +82,7 @@ def plan_slopes(
 def _moved_problem(
     parameter: Parameter, problem: FingerProblem, inputs: GraspInputs, has_own_mesh: bool
 ) -> FingerProblem | None:
-    """The problem with a parameter moved a little, on the same elements; None if they cannot be had."""
+    """Return the problem with a parameter moved a little, on the same elements; None if they cannot be had."""
     asked = parameter.put(parameter.value + parameter.small)
     actual = asked.with_effects()
     mesh = problem.mesh
@@ -101,12 +101,12 @@ def _moved_problem(
 
 
 def _moves_closing(problem: FingerProblem, moved: FingerProblem) -> bool:
-    """Whether the closing may end elsewhere with a parameter moved: its jaw differs, or gives way to any force."""
+    """Return whether closing may end elsewhere with a parameter moved: its jaw differs, or gives way to any force."""
     return moved.jaw != problem.jaw or moved.stroke_mm != problem.stroke_mm or not problem.jaw.is_rigid
 
 
 def _shapes(effects: Sequence[Effect]) -> list[Effect]:
-    """Those that change what is meshed."""
+    """Return those that change what is meshed."""
     return [effect for effect in effects if effect.overrides("modify_profile", "modify_section")]
 
 
@@ -118,7 +118,7 @@ def find_slopes(
     again: Callable[[GraspInputs], GraspSimulation],
     deadline: float = np.inf,
 ) -> Slopes:
-    """The slopes of a grasp's trace, from copies of its fingers, and from grasps simulated `again`.
+    """Find the slopes of a grasp's trace, from copies of its fingers, and from grasps simulated `again`.
 
     Copies go as far as their slopes are good or the force has its peak. `deadline` is a time of `time.monotonic`.
     """
@@ -163,7 +163,7 @@ def _pull_slope(
     moved: FingerProblem,
     name: str,
 ) -> np.ndarray:
-    """Slope (n) of one finger's pull at the reference modulus: its copy's, and what comes of where the closing ends.
+    """Compute slope (n) of one finger's pull at the reference modulus: its copy's, and that of where closing ends.
 
     `slopes_n` (n, 3) are those of the copies; one of the `problem` moved by `change` of the parameter `name`.
 
@@ -190,7 +190,7 @@ def _pull_slope(
 def _see(
     raw: Trace, trace: Trace, per_unit: np.ndarray, change: float, effects: Sequence[Effect]
 ) -> tuple[np.ndarray, float]:
-    """Slopes of the trace (n) as the effects make it, and of its peak, from that (m) of the force before them.
+    """Return slopes of the trace (n) as the effects make it, and of its peak, from that (m) of the force before them.
 
     The peak of a trace that comes later is the same peak, at another sample.
     """
@@ -206,7 +206,7 @@ def _see(
 
 
 def _finite_slope(parameter: Parameter, trace: Trace, again: Callable[[GraspInputs], GraspSimulation]) -> Slope:
-    """Central difference of two grasps of their own; to one side where the other is out of the parameter's range."""
+    """Take the central difference of two own grasps; to one side where the other is out of the parameter's range."""
     step = parameter.finite
     below = parameter.value if parameter.is_at_limit else parameter.value - step
     low, high = again(parameter.put(below)), again(parameter.put(parameter.value + step))
@@ -217,7 +217,7 @@ def _finite_slope(parameter: Parameter, trace: Trace, again: Callable[[GraspInpu
 
 
 def _slope_of(parameter: Parameter, force_n: np.ndarray, peak_n: float, step: float | None = None) -> Slope:
-    """The slope by a parameter; 0 without a sign."""
+    """Return the slope by a parameter; 0 without a sign."""
     return Slope(parameter.unit, force_n + 0.0, float(peak_n) + 0.0, parameter.usual, step)
 
 
@@ -226,7 +226,7 @@ def _at_peak(trace: Trace) -> int:
 
 
 def first_jump_mm(finger: FingerResult, event_mm: float) -> float:
-    """Lift of the first jump of a finger's pull; infinite where there is none."""
+    """Find the lift of the first jump of a finger's pull; infinite where there is none."""
     lift_mm, pull_n = finger.lift_mm[finger.n_closing - 1 :], finger.force_n[finger.n_closing - 1 :, 2]
     if len(pull_n) < 2:
         return np.inf

@@ -37,7 +37,7 @@ class Secants(NamedTuple):
 
 
 def make_secants(n: int) -> Secants:
-    """No corrections yet, for n unknown numbers."""
+    """Make secants without corrections yet, for n unknown numbers."""
     weights, changes, images = np.zeros((3, MEMORY, n))
     return Secants(weights, changes, images, np.zeros(n), np.zeros(n), np.zeros(2, dtype=np.int64))
 
@@ -50,7 +50,7 @@ def forget_all(secants: Secants) -> None:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def begin_load(secants: Secants) -> None:
-    """A new load: corrections still serve, but the next residual is no answer to the last step."""
+    """Begin a new load: corrections still serve, but the next residual is no answer to the last step."""
     secants.marks[_HAS_LAST] = 0
 
 

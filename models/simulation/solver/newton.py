@@ -50,7 +50,7 @@ class Workspace(NamedTuple):
 
 
 def make_workspace(pattern: BlockPattern) -> Workspace:
-    """Storage for tangents of a pattern; nothing is assumed about what is in it but `marks`."""
+    """Make storage for tangents of a pattern; nothing is assumed about what is in it but `marks`."""
     blocks = np.zeros((len(pattern.indices), 3, 3))
     return Workspace(blocks, make_factor(pattern), make_secants(3 * pattern.n), np.zeros(3, dtype=np.int64))
 
@@ -71,7 +71,7 @@ class NewtonSolver:
     """
 
     def __init__(self, workspace: Workspace, settings: NewtonSettings, deadline: float = np.inf) -> None:
-        """`deadline`: a time of `time.monotonic`, looked at before every solve."""
+        """Take `deadline`: a time of `time.monotonic`, looked at before every solve."""
         self._deadline, self._workspace = deadline, workspace
         own = float(settings.tolerance_n), int(settings.max_iterations)
         self._limits = _Limits(*own, float(settings.max_move_mm), float(settings.patience))
@@ -161,7 +161,7 @@ def _solve(mechanics: Mechanics, motion: Motion, work: Workspace, limits: _Limit
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def find_direction(work: Workspace, residual: np.ndarray, step: float, direction: np.ndarray) -> None:
-    """Direction (n, 3) by the factor and its corrections for a residual (n, 3); see `correct_direction`."""
+    """Find the direction (n, 3) by the factor and its corrections for a residual (n, 3); see `correct_direction`."""
     direction[:] = residual
     solve_in_place(work.factor, direction.reshape(-1))
     correct_direction(work.secants, direction.reshape(-1), residual.reshape(-1), step)
@@ -169,7 +169,7 @@ def find_direction(work: Workspace, residual: np.ndarray, step: float, direction
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def factorise_tangent(mechanics: Mechanics, motion: Motion, work: Workspace, u: np.ndarray) -> int:
-    """Factorise the tangent, made positive definite by a growing diagonal if it is not; the number of the outcome."""
+    """Factorise the tangent, made positive definite by a growing diagonal if it is not; return the outcome's number."""
     work.marks[_N_FACTORISATIONS] += 1
     if not linearise(mechanics, motion, u, work.blocks):
         return INVERTED
@@ -223,7 +223,7 @@ def _search(
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _iterations_ahead(size: float, before: float, before_that: float, n_sizes: int, tolerance_n: float) -> float:
-    """Iterations to the tolerance at the mean rate of the last two, from the residuals since the factor."""
+    """Estimate iterations to the tolerance at the mean rate of the last two, from residuals since the factor."""
     rate = math.sqrt(size / before_that) if n_sizes > 2 else size / before
     if rate >= 1.0:
         return np.inf
@@ -232,13 +232,13 @@ def _iterations_ahead(size: float, before: float, before_that: float, n_sizes: i
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def length_of(residual: np.ndarray) -> float:
-    """Euclidean length of an array (n, 3)."""
+    """Return the Euclidean length of an array (n, 3)."""
     return math.sqrt(_product(residual, residual))
 
 
 @nb.njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
 def _product(first: np.ndarray, second: np.ndarray) -> float:
-    """Sum of the products of the entries of two arrays (n, 3)."""
+    """Sum the products of the entries of two arrays (n, 3)."""
     one, other, total = first.reshape(-1), second.reshape(-1), 0.0
     for i in range(len(one)):
         total += one[i] * other[i]
@@ -247,7 +247,7 @@ def _product(first: np.ndarray, second: np.ndarray) -> float:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _largest(values: np.ndarray) -> float:
-    """Largest magnitude of the entries of an array (n, 3)."""
+    """Return the largest magnitude of the entries of an array (n, 3)."""
     flat, most = values.reshape(-1), 0.0
     for i in range(len(flat)):
         most = max(most, abs(flat[i]))

@@ -73,7 +73,7 @@ class Path:
     event_mm: float = 0.5
 
     def at(self, travel_mm: float) -> np.ndarray:
-        """Base position after a travel."""
+        """Return the base position after a travel."""
         return self.start + travel_mm * self.direction
 
 
@@ -108,7 +108,7 @@ class _PullHistory:
         self.force_n = [*self.force_n[-2:], force_n]
 
     def missed_n_mm(self, travel_mm: float, force_n: float) -> float:
-        """How far the trapezium under a step to this force may be off, in N mm; 0 before there are two steps.
+        """Return how far the trapezium under a step to this force may be off, in N mm; 0 before there are two steps.
 
         A force that jumps somewhere in a step h to one that is J from where it was going gives an error of at most
         h J / 2. Where the force follows the parabola through the last three points, the curve is smooth, and the error
@@ -229,7 +229,7 @@ class Stepper:
             yield done
 
     def _has_event(self, state: FingerState, new: FingerState, missed_n_mm: float) -> bool:
-        """True if the step from one state to the next lets go of the object, or misses too much of the pull."""
+        """Return whether the step between two states lets go of the object, or misses too much of the pull."""
         if missed_n_mm > self.limits.missed_mm * self.largest_n:
             return True
         return self.finger.is_touching(state) and not self.finger.is_touching(new)
@@ -280,17 +280,17 @@ class Stepper:
 
 
 def _is_fast(state: FingerState, path: Path) -> bool:
-    """True if a node has just moved much faster than the base."""
+    """Return whether a node has just moved much faster than the base."""
     return bool(np.abs(state.v).max() > MAX_SPEED_RATIO * path.speed_mm_per_s)
 
 
 def _half_way(rest_mm: float, event_mm: float) -> float:
-    """Next step towards the end of a stretch that holds an event: half of it, and what is left when that is short."""
+    """Return the next step to the end of a stretch with an event: half of it, and what is left when that is short."""
     return rest_mm if rest_mm <= LOCATED * event_mm else 0.5 * rest_mm
 
 
 def lift_step_mm(limits: StepLimits) -> Callable[[float], float]:
-    """Longest lift step: fine up to `FINE_LIFT_MM`, landing on it."""
+    """Return the longest lift step: fine up to `FINE_LIFT_MM`, landing on it."""
 
     def longest(travel_mm: float) -> float:
         if travel_mm < FINE_LIFT_MM - 1e-9:
@@ -303,7 +303,7 @@ def lift_step_mm(limits: StepLimits) -> Callable[[float], float]:
 def travel_to_touch(
     gap: Callable[[np.ndarray], float], start: np.ndarray, direction: np.ndarray, length_mm: float
 ) -> float:
-    """Travel in mm until the undeformed finger is `TOUCH_MM` from the obstacle, or the whole length.
+    """Find the travel in mm until the undeformed finger is `TOUCH_MM` from the obstacle, or the whole length.
 
     `gap(base)` is the least distance at a base position. A distance shrinks at most as fast as the finger moves,
     so advancing by the distance never overshoots (sphere tracing).
@@ -318,5 +318,5 @@ def travel_to_touch(
 
 
 def deadline_after(deadline_s: float | None) -> float:
-    """`time.monotonic` of a wall-clock limit from now; infinity for None."""
+    """Return `time.monotonic` of a wall-clock limit from now; infinity for None."""
     return np.inf if deadline_s is None else time.monotonic() + deadline_s

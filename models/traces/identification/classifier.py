@@ -67,14 +67,14 @@ class Beliefs:
         return _summed(self.objects, SIDES_OF_OBJECTS, len(SIDES))
 
     def combined(self) -> "Beliefs":
-        """What all rows together say of one object (one row): the product of independent rows, with equal priors."""
+        """Combine what all rows say of one object (one row): the product of independent rows, with equal priors."""
         log = np.log(np.maximum(self.objects, LEAST_PROBABILITY)).sum(axis=0)
         odds = np.exp(log - log.max())
         return Beliefs((odds / odds.sum())[None])
 
 
 def truth_of(object_id: np.ndarray) -> dict[str, np.ndarray]:
-    """Columns (n) of the true object in each array of `Beliefs`, by its name."""
+    """Return the columns (n) of the true object in each array of `Beliefs`, by its name."""
     return {
         "objects": object_id,
         "classes": _CLASS_OF[object_id],
@@ -90,12 +90,12 @@ def _summed(objects: np.ndarray, group: np.ndarray, n_groups: int) -> np.ndarray
 
 
 def count_columns(object_id: np.ndarray) -> int:
-    """Columns of probabilities that hold the objects of the catalogue and these."""
+    """Count the columns of probabilities that hold the objects of the catalogue and these."""
     return max(N_OBJECTS, int(object_id.max()) + 1)
 
 
 def train(inputs: np.ndarray, object_id: np.ndarray, seed: int = 0) -> "Identifier":
-    """Identifier from grasps of known objects: inputs (n x len(INPUTS)) and the columns of their objects (n).
+    """Train an identifier on grasps of known objects: inputs (n x len(INPUTS)) and the columns of their objects (n).
 
     Raises:
         UsageError: fewer than two objects, which leave nothing to tell apart.
@@ -116,14 +116,14 @@ class Identifier:
     classifier: Any
 
     def beliefs(self, inputs: np.ndarray) -> Beliefs:
-        """Probabilities of all objects for n grasps; zero for an object that was not among those it learnt from."""
+        """Return probabilities of all objects for n grasps; zero for an object not among those it learnt from."""
         objects = np.zeros((len(inputs), count_columns(self.classifier.classes_)))
         objects[:, self.classifier.classes_] = self.classifier.predict_proba(inputs)
         return Beliefs(objects)
 
 
 def sides_of(object_id: int) -> Sides:
-    """The sides that an object of the catalogue shows to the fingers."""
+    """Return the sides that an object of the catalogue shows to the fingers."""
     if object_id in _TAPERS_INWARDS:
         return "tapers inwards"
     if object_id in _PRONOUNCED:
@@ -135,13 +135,13 @@ SIDES_OF_OBJECTS = np.array([SIDES.index(sides_of(obj.object_id)) for obj in OBJ
 
 
 def fit_trees(inputs: np.ndarray, object_id: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """The classifier of this module as a `Fit`."""
+    """Fit the classifier of this module as a `Fit`."""
     identifier = train(inputs, object_id)
     return lambda unseen: identifier.beliefs(unseen).objects
 
 
 def folds_of(tool: np.ndarray, n_folds: int = N_FOLDS) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Places of grasps to learn from and to test on; all grasps of a tool are on one side.
+    """Yield the places of grasps to learn from and to test on; all grasps of a tool are on one side.
 
     Raises:
         UsageError: there is one tool.
@@ -158,7 +158,7 @@ def folds_of(tool: np.ndarray, n_folds: int = N_FOLDS) -> Iterator[tuple[np.ndar
 def beliefs_of_unseen(
     inputs: np.ndarray, object_id: np.ndarray, tool: np.ndarray, fit: Fit = fit_trees, n_folds: int = N_FOLDS
 ) -> Beliefs:
-    """Beliefs about each of n grasps, by a classifier that learnt from other tools."""
+    """Return the beliefs about each of n grasps, by a classifier that learnt from other tools."""
     objects = np.zeros((len(inputs), count_columns(object_id)))
     for learnt, tested in folds_of(tool, n_folds):
         found = fit(inputs[learnt], object_id[learnt])(inputs[tested])
@@ -167,6 +167,6 @@ def beliefs_of_unseen(
 
 
 def rank_of_truth(probabilities: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Rank (n, from 1) of the true column in each row; among equals the truth comes last."""
+    """Rank (n, from 1) the true column in each row; among equals the truth comes last."""
     own = np.take_along_axis(probabilities, truth[:, None], axis=1)
     return np.asarray((probabilities >= own).sum(axis=1))

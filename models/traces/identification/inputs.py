@@ -23,7 +23,7 @@ INPUTS: tuple[str, ...] = (
 
 
 def inputs_of(traces: Sequence[Trace], features: TraceFeatures | None = None) -> np.ndarray:
-    """Inputs (n x len(INPUTS)) of n traces; NaN where a trace does not show a feature.
+    """Return the inputs (n x len(INPUTS)) of n traces; NaN where a trace does not show a feature.
 
     Forces are given in N and as shares of the peak: the first depend on the tool's stiffness, the second less.
 
@@ -46,7 +46,7 @@ def inputs_of(traces: Sequence[Trace], features: TraceFeatures | None = None) ->
 
 
 def _closing_n(trace: Trace) -> np.ndarray:
-    """Mean forces over `N_CLOSING` equal spans of the time up to the lift; a span without a reading is interpolated."""
+    """Average forces over `N_CLOSING` equal spans of the time up to the lift; one without a reading is interpolated."""
     n = int(np.argmax(trace.is_lift)) + 1
     time_s, force_n = trace.time_s[:n], trace.force_n[:n]
     span = np.minimum((N_CLOSING * (time_s - time_s[0]) / max(time_s[-1] - time_s[0], 1e-9)).astype(int), N_CLOSING - 1)

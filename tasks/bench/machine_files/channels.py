@@ -30,7 +30,7 @@ class Channels(NamedTuple):
 
 
 def find_columns(path: Path, block: Block, machine: MachineFormat) -> list[dict[Quantity, int]]:
-    """Place of the column of each quantity; several where pulls stand side by side.
+    """Find the place of the column of each quantity; several where pulls stand side by side.
 
     Raises:
         UsageError: a column is not there, or cannot be told from the others.
@@ -57,7 +57,7 @@ def find_columns(path: Path, block: Block, machine: MachineFormat) -> list[dict[
 
 
 def _check_separator(path: Path, block: Block) -> None:
-    """Decimal commas that nobody quoted make two cells of each number."""
+    """Check for decimal commas that nobody quoted: they make two cells of each number."""
     n_names = sum(bool(name) for name in block.names)
     cells = block.rows[len(block.rows) // 2]
     if n_names >= 2 and len(cells) == 2 * n_names and all(re.fullmatch(r"-?\d+", cell) for cell in cells):
@@ -68,7 +68,7 @@ def _check_separator(path: Path, block: Block) -> None:
 
 
 def _find_alike(block: Block, place: int) -> list[int]:
-    """Columns with the name and unit of this one."""
+    """Find the columns with the name and unit of this one."""
     if not block.names:
         return [place]
     wanted = block.names[place], block.units[place]
@@ -95,7 +95,7 @@ def _find_places(path: Path, block: Block, column: Column) -> list[int]:
 
 
 def read_channels(path: Path, block: Block, places: Mapping[Quantity, int], machine: MachineFormat) -> Channels:
-    """The samples of the columns, without those that lack a number.
+    """Read the samples of the columns, without those that lack a number.
 
     Raises:
         UsageError: a cell is no number, a unit is missing or another than the format file says, or marks were lost.
@@ -124,7 +124,7 @@ def read_channels(path: Path, block: Block, places: Mapping[Quantity, int], mach
 
 
 def _begins_again(start: int, lift_mm: np.ndarray, time_s: np.ndarray | None) -> bool:
-    """Whether samples below a head are a new pull, and no further page of the same."""
+    """Return whether samples below a head are a new pull, and no further page of the same."""
     if not 0 < start < len(lift_mm):
         return False
     goes_back = lift_mm[start] < lift_mm[start - 1] - 0.1 * float(np.ptp(lift_mm))
@@ -142,7 +142,7 @@ def _read_numbers(path: Path, block: Block, place: int) -> np.ndarray:
 
 
 def _say_remedy(cell: str) -> str:
-    """What to do about a cell that is no number."""
+    """Say what to do about a cell that is no number."""
     match = re.fullmatch(r"[^A-Za-z]*\d\s*([^\W\d_]+)", cell)
     if match and quantity_of_unit(match[1]):
         return f"give numbers alone, all in one unit, which stands in the head, like `Load ({match[1]})`"
@@ -150,7 +150,7 @@ def _say_remedy(cell: str) -> str:
 
 
 def _read_channel(path: Path, block: Block, place: int, quantity: Quantity, column: Column | None) -> np.ndarray:
-    """Values of a column in s, mm or N; NaN for an empty cell."""
+    """Read the values of a column in s, mm or N; NaN for an empty cell."""
     values = _read_numbers(path, block, place)
     cells = [row[place] for row in block.rows if place < len(row)]
     if quantity == "time" and any(":" in cell for cell in cells):
@@ -162,7 +162,7 @@ def _read_channel(path: Path, block: Block, place: int, quantity: Quantity, colu
 
 
 def _find_scale(path: Path, block: Block, place: int, quantity: Quantity, column: Column | None) -> float:
-    """Factor to s, mm or N, with the sign."""
+    """Find the factor to s, mm or N, with the sign."""
     given, said = column.unit if column else None, unit_of(block, place, quantity)
     scales = [scale_of(quantity, unit) for unit in (given, said) if unit]
     if not scales or scales[0] is None:

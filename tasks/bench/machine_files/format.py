@@ -77,7 +77,7 @@ class MachineFormat(Record):
         return PROGRAMS[self.program] if self.program and self.file_name == _DEFAULT_NAME else self.file_name
 
     def pattern(self, tool_names: Iterable[str] = ()) -> re.Pattern[str]:
-        """What the end of a path must match; `tool_names`: how tools may be called beside `B01T0`."""
+        """Return what the end of a path must match; `tool_names`: how tools may be called beside `B01T0`."""
         tools = "|".join([_TOOL, *(re.sub(r"\\ |_", "[ _]", re.escape(name)) for name in tool_names)])
         fields = {"{tool}": f"(?P<tool>{tools})", "*": "[^/]*"}
         fields |= {f"{{{name}}}": found for name, found in _FIELDS.items()}
@@ -85,7 +85,7 @@ class MachineFormat(Record):
         return re.compile("(?:.*/)?" + "".join(fields.get(part) or re.escape(part) for part in parts), re.IGNORECASE)
 
     def columns(self) -> dict[Quantity, Column]:
-        """Columns that are said, by quantity."""
+        """Return the columns that are said, by quantity."""
         given = {"time": self.time, "lift": self.lift, "force": self.force}
         return {name: column for name, column in given.items() if column is not None}  # type: ignore[misc]
 

@@ -36,7 +36,7 @@ class Grid(NamedTuple):
 
 
 def read_grids(path: Path, separator: str | None = None, encoding: str | None = None) -> list[Grid]:
-    """The cells of a file: one grid, or one for each sheet; separator and encoding are found where they are not said.
+    """Read the cells of a file: one grid, or one for each sheet; find separator and encoding where they are not said.
 
     Raises:
         UsageError: it is no table that can be read.
@@ -66,7 +66,7 @@ def read_grids(path: Path, separator: str | None = None, encoding: str | None = 
 
 
 def _decode(path: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
-    """Text and encoding: what is said, what a mark at the beginning says, UTF-8, or what Windows writes."""
+    """Return text and encoding: what is said, what a mark at the beginning says, UTF-8, or what Windows writes."""
     marked = next((name for mark, name in _BOMS if data.startswith(mark)), None)
     bare = "utf-16-le" if _has_zeros(data[1::2]) else "utf-16-be" if _has_zeros(data[::2]) else None
     for name in filter(None, (marked, encoding, bare, "utf-8", *_OTHER_ALPHABETS, "cp1252", "latin-1")):
@@ -99,7 +99,7 @@ def _clean(field: str) -> str:
 
 
 def _split_at_spaces(line: str) -> list[str]:
-    """Cells between blanks; names of several words stand two blanks apart, and units in brackets belong to them."""
+    """Split at blanks into cells; names of several words are two blanks apart, units in brackets belong to them."""
     cells = line.split()
     if all(is_like_number(cell) for cell in cells):
         return cells
@@ -108,7 +108,7 @@ def _split_at_spaces(line: str) -> list[str]:
 
 
 def _find_separator(lines: Sequence[str]) -> str:
-    """The separator with which most lines are rows of numbers of one width; without numbers, of cells."""
+    """Find the separator with which most lines are rows of numbers of one width; without numbers, of cells."""
     filled = [line for line in lines if line.strip()]
     part = filled[:: 1 + len(filled) // _LINES_LOOKED_AT]
     scores = {mark: _count_alike(part, mark) for mark in SEPARATORS}
@@ -117,7 +117,7 @@ def _find_separator(lines: Sequence[str]) -> str:
 
 
 def _count_alike(lines: Sequence[str], mark: str) -> tuple[int, int]:
-    """Rows of numbers alone, and all rows, that have the most usual number of cells, which is two at least."""
+    """Count rows of numbers alone, and all rows, that have the most usual number of cells, which is two at least."""
     try:
         rows = [[cell for cell in row if cell] for row in _split(lines, mark) if len(row) > 1]
     except csv.Error:  # a cell of a hundred thousand letters

@@ -23,7 +23,7 @@ _ASSUMED: dict[Quantity, str] = {"time": "s", "lift": "mm", "force": "N"}
 
 
 def guess_format(paths: Sequence[Path], tool_names: Iterable[str] = ()) -> str:
-    """Text of the format file (TOML) for files like the first of these.
+    """Guess the text of the format file (TOML) for files like the first of these.
 
     tool_names: how tools may be called beside `B01T0`.
 
@@ -55,12 +55,12 @@ def guess_format(paths: Sequence[Path], tool_names: Iterable[str] = ()) -> str:
 
 
 def parse_format(text: str, where: str) -> MachineFormat:
-    """The format that a text says, as `read_format` reads it from a file."""
+    """Return the format that a text says, as `read_format` reads it from a file."""
     return make_format(parse_toml(text, where), where)
 
 
 def _find_example(paths: Sequence[Path], tool_names: Iterable[str]) -> tuple[Path, bool]:
-    """The first file of a machine, and whether a table says which grasp it is."""
+    """Find the first file of a machine, and whether a table says which grasp it is."""
     for path in paths:
         if path.name == LIST_NAME or (path / LIST_NAME).exists():
             return find_files([path], MachineFormat())[0].path, True
@@ -85,7 +85,7 @@ def _say_column(block: Block, place: int) -> str:
 
 
 def _say_others(block: Block, place: int, quantity: Quantity) -> str:
-    """Columns that could be meant as well."""
+    """Tell which columns could be meant as well."""
     names = {name for p, name in enumerate(block.names) if p != place and quantity_of_name(name) == quantity}
     names -= {block.names[place]} if block.names else set()
     return f"  # or {', '.join(sorted(names))}" if names else ""
@@ -100,18 +100,18 @@ def _sign_lines(quantity: Quantity, channels: Channels, parts: Sequence[slice], 
 
 
 def _points_down(values: np.ndarray) -> bool:
-    """Whether the largest value is negative."""
+    """Return whether the largest value is negative."""
     return bool(-values.min() > 2 * max(values.max(), 0.0))
 
 
 def _is_in_ms(block: Block, place: int) -> bool:
-    """Whether times of whole numbers last so long that they are milliseconds."""
+    """Return whether times of whole numbers last so long that they are milliseconds."""
     cells = [row[place] for row in block.rows if place < len(row)]
     return all(cell.isdigit() for cell in cells) and float(cells[-1]) > 1000
 
 
 def _find_cycle(block: Block) -> int | None:
-    """The column that counts pulls: whole numbers that grow by one, each for some samples."""
+    """Find the column that counts pulls: whole numbers that grow by one, each for some samples."""
     for place, name in enumerate(block.names):
         if not name.lower().startswith(_CYCLES):
             continue
@@ -136,7 +136,7 @@ def _name_line(path: Path, tool_names: Iterable[str], parts: Sequence[slice]) ->
 
 
 def _name_of(path: Path, tool_names: Iterable[str]) -> str | None:
-    """The end of a path with the tool, object and repeat that stand in it replaced, other digits by `*`."""
+    """Return the end of a path, with the tool, object and repeat in it replaced, other digits by `*`."""
     tool = MachineFormat(file_name="{tool}_{object}").pattern(tool_names).pattern
     tool = tool[tool.index("(?P<tool>") : tool.index("_(?P<object>")]
     for depth in (1, 2):

@@ -75,7 +75,7 @@ class _Table(NamedTuple):
 
 
 def find_blocks(grid: Sequence[Sequence[str]], decimal: str | None = None, wanted: Sequence[str] = ()) -> list[Block]:
-    """The longest run of rows of numbers with the names and units above it, and the other pulls, as the file has them.
+    """Find the longest run of rows of numbers with the names and units above it, and the other pulls, in file order.
 
     Other pulls are tables with the same names, and those below another head that names a force and a lift. Empty where
     there are no numbers. wanted: names of columns that a person has given.
@@ -103,7 +103,7 @@ def find_blocks(grid: Sequence[Sequence[str]], decimal: str | None = None, wante
 
 
 def is_pull(block: Block, wanted: Sequence[str] = ()) -> bool:
-    """Whether the head names a force and a lift, and the lift goes on from row to row, as in no table of results."""
+    """Return whether the head names a force and a lift, and the lift goes on by rows, as in no table of results."""
     chosen = choose_columns(block) if block.names or any(block.units) else {}
     given = {name.strip().casefold() for name in wanted} & {name.casefold() for name in block.names}
     if len(block.rows) < LEAST_PULL or not ({"lift", "force"} <= chosen.keys() or len(given) > 1):
@@ -117,7 +117,7 @@ def is_pull(block: Block, wanted: Sequence[str] = ()) -> bool:
 
 
 def _find_gaps(tables: Sequence[_Table], first: int, last: int) -> list[tuple[int, int]]:
-    """Rows of a part of the file that are above, between and below the tables."""
+    """Find the rows of a part of the file that are above, between and below the tables."""
     edges = [first, *(place for table in tables for run in table.runs for place in run), last]
     return [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= LEAST_PULL]
 
@@ -125,7 +125,7 @@ def _find_gaps(tables: Sequence[_Table], first: int, last: int) -> list[tuple[in
 def _find_alike(
     grid: Sequence[Sequence[str]], start: int, stop: int, decimal: str | None, wanted: Sequence[str]
 ) -> tuple[list[_Table], Marks]:
-    """The longest table of a part of the file, and those with its names."""
+    """Find the longest table of a part of the file, and those with its names."""
     part = grid[start:stop]
     loose = _find_runs([_looks_like_samples(row) for row in part])
     if not loose:
@@ -148,7 +148,7 @@ def _find_alike(
 
 
 def _make_blocks(grid: Sequence[Sequence[str]], tables: Sequence[_Table], marks: Marks, start: int = 0) -> list[Block]:
-    """Tables in the order of the file, those that follow each other with the same columns and units as one block.
+    """Make tables in the order of the file, those that follow each other with the same columns and units as one block.
 
     start: first row that can be of a head.
     """
@@ -169,7 +169,7 @@ def _make_blocks(grid: Sequence[Sequence[str]], tables: Sequence[_Table], marks:
 
 
 def _fill_units(table: _Table, tables: Sequence[_Table]) -> list[str | None]:
-    """Units of a table; what it does not say is as in those with the same names, if they agree."""
+    """Fill in the units of a table; what it does not say is as in those with the same names, if they agree."""
     others = [other.units for other in tables if other.names == table.names and len(other.units) == len(table.units)]
     found = [{unit for unit in units if unit} for units in zip(*others, strict=True)]
     return [
@@ -180,7 +180,7 @@ def _fill_units(table: _Table, tables: Sequence[_Table]) -> list[str | None]:
 def _find_tables(
     grid: Sequence[Sequence[str]], start: int, columns: Sequence[int], marks: Marks, width: int, wanted: Sequence[str]
 ) -> list[_Table]:
-    """Rows of numbers below their heads; rows without a head of their own go on with those above.
+    """Find the rows of numbers below their heads; rows without a head of their own go on with those above.
 
     start: place of the first of these rows in the file.
     """
@@ -201,20 +201,20 @@ def _find_tables(
 
 
 def _find_runs(is_in: Sequence[bool]) -> list[tuple[int, int]]:
-    """First place and the one after the last of each run of `True`."""
+    """Find the first place and the one after the last of each run of `True`."""
     edges = [place for place, (a, b) in enumerate(zip([False, *is_in], [*is_in, False], strict=True)) if a != b]
     return list(zip(edges[::2], edges[1::2], strict=True))
 
 
 def _looks_like_samples(row: Sequence[str]) -> bool:
-    """Two numbers at least, and no more words than numbers: gauges write the unit beside each."""
+    """Return whether a row has two numbers at least, and no more words: gauges write the unit beside each."""
     filled = [cell for cell in row if cell]
     n_numbers = sum(is_like_number(cell) for cell in filled)
     return n_numbers >= 2 and len(filled) <= 2 * n_numbers
 
 
 def _find_number_columns(rows: Sequence[Sequence[str]], marks: Marks) -> list[int]:
-    """Places of the columns that hold numbers in nine rows of ten."""
+    """Find the places of the columns that hold numbers in nine rows of ten."""
     width = max(len(row) for row in rows)
     columns = []
     for place in range(width):
@@ -225,7 +225,7 @@ def _find_number_columns(rows: Sequence[Sequence[str]], marks: Marks) -> list[in
 
 
 def _is_sample(row: Sequence[str], columns: Sequence[int], marks: Marks) -> bool:
-    """Numbers, or nothing, in every column of numbers, and two numbers at least."""
+    """Return whether a row has numbers, or nothing, in every column of numbers, and two numbers at least."""
     cells = [row[place] for place in columns if place < len(row) and row[place]]
     return len(cells) >= 2 and all(is_number(cell, marks) for cell in cells)
 
@@ -233,7 +233,7 @@ def _is_sample(row: Sequence[str], columns: Sequence[int], marks: Marks) -> bool
 def _find_broken(
     gap: Sequence[Sequence[str]], columns: Sequence[int], marks: Marks
 ) -> tuple[int, str] | None:  # place in the gap, and the cell
-    """The first of a few rows between samples that are as wide as these, and have a number beside what is none."""
+    """Find the first of a few rows between samples that are as wide as these, with a number beside what is none."""
     found = []
     for place, row in enumerate(gap):
         cells = [row[column] for column in columns if column < len(row) and row[column]]
@@ -245,7 +245,7 @@ def _find_broken(
 
 
 def _read_head(rows: Sequence[Sequence[str]], width: int, wanted: Sequence[str]) -> tuple[list[str], list[str | None]]:
-    """Names and units from the rows above samples: a row of units, a row of names, or one row with both."""
+    """Read names and units from the rows above samples: a row of units, a row of names, or one row with both."""
     above = [[*_strip_comment(row, width), *[""] * width][:width] for row in rows[-_HEAD_ROWS:]]
     above = [row for row in above if sum(bool(cell) for cell in row) >= 2 and not _looks_like_samples(row)]
     units: list[str | None] = [None] * width
@@ -266,7 +266,7 @@ def _read_head(rows: Sequence[Sequence[str]], width: int, wanted: Sequence[str])
 
 
 def _strip_comment(row: Sequence[str], width: int) -> list[str]:
-    """A head without the mark of a comment, as numerical programs write it: `# time lift force`.
+    """Strip from a head the mark of a comment, as numerical programs write it: `# time lift force`.
 
     A mark alone is a name (of the column that counts) unless there is a cell too many.
     """
@@ -279,7 +279,7 @@ def _strip_comment(row: Sequence[str], width: int) -> list[str]:
 
 
 def _read_units_beside(rows: Sequence[Sequence[str]], columns: Sequence[int]) -> dict[int, str]:
-    """Units of columns of numbers that stand in each row beside the number, as gauges write them."""
+    """Read the units of columns of numbers that stand in each row beside the number, as gauges write them."""
     found = {}
     for column in columns:
         cells = {row[column + 1] for row in rows if column + 1 < len(row)}
@@ -290,14 +290,14 @@ def _read_units_beside(rows: Sequence[Sequence[str]], columns: Sequence[int]) ->
 
 
 def _is_units(row: Sequence[str]) -> bool:
-    """A row that holds units, and nothing that is none but empty cells."""
+    """Return whether a row holds units, and nothing that is none but empty cells."""
     filled = [cell for cell in row if cell.strip("()[]<>- ")]
     known = [cell for cell in filled if quantity_of_unit(cell) or cell.strip("()[]<> ").lower() in _OTHER_UNITS]
     return len(known) >= 2 and len(known) == len(filled)
 
 
 def _find_said_units(rows: Sequence[Sequence[str]]) -> dict[Quantity, str]:
-    """Units in lines above the names: `Units: lbF`, `Travel Unit: mm`."""
+    """Find the units in lines above the names: `Units: lbF`, `Travel Unit: mm`."""
     found: dict[Quantity, str] = {}
     for row in rows:
         match = _SAID_UNIT.search("\t".join(cell for cell in row if cell))
@@ -308,13 +308,13 @@ def _find_said_units(rows: Sequence[Sequence[str]]) -> dict[Quantity, str]:
 
 
 def unit_of(block: Block, place: int, quantity: Quantity) -> str | None:
-    """The unit that the file says for a column: below its name, in it, or in a line above."""
+    """Return the unit that the file says for a column: below its name, in it, or in a line above."""
     unit = block.units[place] if place < len(block.units) else None
     return unit if unit and scale_of(quantity, unit) is not None else block.said_units.get(quantity)
 
 
 def choose_columns(block: Block) -> Mapping[Quantity, int]:
-    """Number of the column of each quantity: by its name, else by its unit, else by how its numbers go."""
+    """Choose the column number of each quantity: by its name, else by its unit, else by how its numbers go."""
     chosen: dict[Quantity, int] = {}
     names = block.names or [""] * len(block.units)
     order = sorted(range(len(names)), key=lambda place: is_held(names[place]))
@@ -332,7 +332,7 @@ def choose_columns(block: Block) -> Mapping[Quantity, int]:
 
 
 def _choose_by_numbers(block: Block) -> Mapping[Quantity, int]:
-    """Of columns without names: time grows evenly, lift rises, force is the one that goes up and down."""
+    """Choose among columns without names: time grows evenly, lift rises, force is the one that goes up and down."""
     n = min(len(row) for row in block.rows)
     columns = [[read_number(row[place], block.marks) for row in block.rows] for place in range(n)]
     numbers = {place: [v for v in column if v is not None] for place, column in enumerate(columns)}
@@ -354,14 +354,14 @@ def _choose_by_numbers(block: Block) -> Mapping[Quantity, int]:
 
 
 def _unevenness(values: Sequence[float]) -> float:
-    """Spread of the steps over their mean."""
+    """Compute the spread of the steps over their mean."""
     steps = [b - a for a, b in zip(values, values[1:], strict=False)]
     mean = sum(steps) / len(steps)
     return max(abs(step - mean) for step in steps) / abs(mean) if mean else float("inf")
 
 
 def read_column(block: Block, place: int) -> list[float | None]:
-    """Numbers of a column; None for an empty cell, without those below the last number.
+    """Read the numbers of a column; None for an empty cell, without those below the last number.
 
     Raises:
         BrokenRow: a cell is neither a number nor empty, or several in a row are empty.

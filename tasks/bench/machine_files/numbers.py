@@ -26,7 +26,7 @@ _USUAL += [Marks(decimal, space) for space in _SPACES for decimal in ".,"]
 
 
 def read_number(text: str, marks: Marks) -> float | None:
-    """The finite number of a cell (a time of `h:mm:ss.fff` in seconds), or None."""
+    """Read the finite number of a cell (a time of `h:mm:ss.fff` in seconds), or None."""
     plain = text.strip().strip('"').strip()
     if ":" in plain:
         return _read_clock(plain)
@@ -58,18 +58,18 @@ def _read_clock(text: str) -> float | None:
 
 @cache
 def _grouped(marks: Marks) -> re.Pattern[str]:
-    """`1,009.3` and `12 345 678`: a first group that does not begin with 0, groups of three, then the decimals."""
+    """Match `1,009.3` and `12 345 678`: a first group not beginning with 0, groups of three, then the decimals."""
     group, point = re.escape(marks.thousands), re.escape(marks.decimal)
     return re.compile(rf"[+\-\u2212]?[1-9]\d{{0,2}}(?:{group}\d{{3}})+(?:{point}\d*)?")
 
 
 def is_number(text: str, marks: Marks) -> bool:
-    """Whether `read_number` reads a cell; quick, because files have millions of cells of a few shapes."""
+    """Return whether `read_number` reads a cell; quick, because files have millions of cells of a few shapes."""
     return _is_number(text.translate(_SHAPE), marks)
 
 
 def is_like_number(text: str) -> bool:
-    """Whether a cell is a number with any marks."""
+    """Return whether a cell is a number with any marks."""
     return _is_like_number(text.translate(_SHAPE))
 
 
@@ -84,7 +84,7 @@ def _is_like_number(shape: str) -> bool:
 
 
 def find_marks(fields: Iterable[str], decimal: str | None = None) -> Marks:
-    """The marks with which most of these cells are numbers; `decimal`: if a person says so."""
+    """Find the marks with which most of these cells are numbers; `decimal`: if a person says so."""
     usual = [marks for marks in _USUAL if decimal in (None, marks.decimal)]
     shapes = Counter(cell.translate(_SHAPE).strip('" ') for cell in fields)
     shapes = Counter({shape: n for shape, n in shapes.items() if any(mark in shape for mark in (".," + _SPACES))})
@@ -94,5 +94,5 @@ def find_marks(fields: Iterable[str], decimal: str | None = None) -> Marks:
 
 
 def _are_thousands(texts: Iterable[str]) -> bool:
-    """Whether the comma of every number stands before three digits, and never after a leading 0."""
+    """Return whether the comma of every number stands before three digits, and never after a leading 0."""
     return all(_grouped(Marks(".", ",")).fullmatch(text) for text in texts if "," in text)

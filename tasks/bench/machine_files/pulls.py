@@ -47,7 +47,7 @@ class Named(NamedTuple):
 
 
 def read_pulls(paths: Sequence[Path], machine: MachineFormat, tool_names: Iterable[str] = ()) -> Pulls:
-    """The grasps of files of a machine, or of folders with them; a `files.csv` says which file is which grasp.
+    """Read the grasps of files of a machine, or of folders with them; a `files.csv` says which file is which grasp.
 
     tool_names: how tools may be called beside `B01T0`.
 
@@ -64,7 +64,7 @@ def read_pulls(paths: Sequence[Path], machine: MachineFormat, tool_names: Iterab
 
 
 def find_files(paths: Sequence[Path], machine: MachineFormat, tool_names: Iterable[str] = ()) -> list[Named]:
-    """Files of a machine with the grasps that they are of.
+    """Find the files of a machine with the grasps that they are of.
 
     Raises:
         UsageError: a name says no grasp, or a folder has no file of a grasp.
@@ -111,7 +111,7 @@ def _how_named(machine: MachineFormat) -> str:
 
 
 def _read_list(path: Path) -> list[Named]:
-    """Rows of a table that says which file is which grasp; files are beside it."""
+    """Read the rows of a table that says which file is which grasp; files are beside it."""
     return [
         Named(
             path.parent / row["file"],
@@ -149,7 +149,7 @@ def _read_file(named: Named, machine: MachineFormat) -> tuple[list[ToldGrasp], l
 
 
 def find_table(path: Path, machine: MachineFormat) -> tuple[Grid, Block, dict[Quantity, int]]:
-    """The first table of samples in a file, with the place of each quantity.
+    """Find the first table of samples in a file, with the place of each quantity.
 
     Raises:
         UsageError: there is none, or a column cannot be found.
@@ -161,7 +161,7 @@ def find_table(path: Path, machine: MachineFormat) -> tuple[Grid, Block, dict[Qu
 def _find_tables(
     path: Path, machine: MachineFormat, notes: list[str] | None = None
 ) -> Iterator[tuple[Grid, Block, list[dict[Quantity, int]]]]:
-    """The longest table of samples, and the other pulls of the file and its sheets.
+    """Yield the longest table of samples, and the other pulls of the file and its sheets.
 
     notes: a list that takes a sentence about each sheet of samples that has no head.
     """
@@ -248,7 +248,7 @@ def _make_traces(
 
 
 def _find_speed(path: Path, rows: Sequence[Sequence[str]], marks: Marks) -> float:
-    """Speed of the lift from the lines above the samples, mm/s."""
+    """Find the speed of the lift from the lines above the samples, mm/s."""
     for row in rows:
         text = " ".join(row)
         for match in _SAID_SPEED.finditer(text) if _SPEED.search(text) else ():
@@ -262,7 +262,7 @@ def _find_speed(path: Path, rows: Sequence[Sequence[str]], marks: Marks) -> floa
 
 
 def _join(notes: Sequence[str]) -> list[str]:
-    """What was left out of many files, in a line for each kind."""
+    """Join what was left out of many files, in a line for each kind."""
     if len(notes) <= 6:
         return list(notes)
     kinds = Counter(re.sub(r"^.*?: \d+ ", "", note) for note in notes)

@@ -13,7 +13,7 @@ _LEAST_RISE = 0.5  # of the highest
 def split_pulls(
     lift_mm: np.ndarray, cycle: np.ndarray | None = None, starts: Sequence[int] = ()
 ) -> tuple[list[slice], int]:
-    """Each pull from its lowest point to its top, and how many samples of ways back are in none.
+    """Split off each pull from its lowest point to its top, and count the samples of ways back that are in none.
 
     lift_mm: n samples. cycle: n values that change from pull to pull. starts: where a pull begins for another reason.
     A lift that never goes back by more than 1 mm is one pull, with all its samples.
@@ -35,7 +35,7 @@ def _split_group(lift_mm: np.ndarray, offset: int) -> list[slice]:
 
 
 def _find_rises(lift_mm: np.ndarray, offset: int) -> list[slice]:
-    """Rises of the lift that are at least half as high as the highest, between long ways back."""
+    """Find the rises of the lift that are at least half as high as the highest, between long ways back."""
     limit_mm = max(_LEAST_BACK_MM, _BACK_SHARE * float(np.ptp(lift_mm)))
     rises, low, top = [], 0, 0
     for place, value in enumerate(lift_mm):

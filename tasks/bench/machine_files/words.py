@@ -55,7 +55,7 @@ _OTHERS = re.compile(
 
 
 def scale_of(quantity: Quantity, unit: str) -> float | None:
-    """Factor to s, mm or N; None for what is no unit of this quantity."""
+    """Return the factor to s, mm or N; None for what is no unit of this quantity."""
     bare = unicodedata.normalize("NFKC", unit).strip().strip("()[]<>{}").strip().rstrip(".")
     if quantity == "force" and bare in _EXACT:
         return _EXACT[bare]
@@ -63,12 +63,12 @@ def scale_of(quantity: Quantity, unit: str) -> float | None:
 
 
 def quantity_of_unit(unit: str) -> Quantity | None:
-    """What a unit measures."""
+    """Return what a unit measures."""
     return next((quantity for quantity in UNITS if scale_of(quantity, unit) is not None), None)
 
 
 def quantity_of_name(name: str) -> Quantity | None:
-    """What a column's name says that it holds; `None` for names of other things, such as `Strain`."""
+    """Return what a column's name says that it holds; `None` for names of other things, such as `Strain`."""
     plain = unicodedata.normalize("NFKC", name).strip().lower()
     if name.strip() in _NAMES:
         return _NAMES[name.strip()]
@@ -84,23 +84,23 @@ def quantity_of_name(name: str) -> Quantity | None:
 
 
 def is_held(name: str) -> bool:
-    """Whether a column's name says that it keeps the largest value so far."""
+    """Return whether a column's name says that it keeps the largest value so far."""
     return _HELD.search(unicodedata.normalize("NFKC", name)) is not None
 
 
 def _is_compact(part: str) -> bool:
-    """Whether words stand side by side without spaces, as in Japanese and Chinese."""
+    """Return whether words stand side by side without spaces, as in Japanese and Chinese."""
     return any(ord(letter) > 0x2E80 for letter in part)
 
 
 def holds_word(text: str) -> bool:
-    """Whether a word of another alphabet for a column stands in a text."""
+    """Return whether a word of another alphabet for a column stands in a text."""
     plain = text.lower()
     return any(len(word) > 1 and ord(word[0]) > 0x3FF and word in plain for words in WORDS.values() for word in words)
 
 
 def split_unit(name: str) -> tuple[str, str | None]:
-    """`Load (N)`, `Kraft [N]`, `Force/N`, `Force_N` as name and unit; the unit is None where there is none."""
+    """Split `Load (N)`, `Kraft [N]`, `Force/N`, `Force_N` into name and unit; the unit is None where there is none."""
     plain = name.strip()
     for opening, closing in (("(", ")"), ("[", "]"), ("<", ">"), ("{", "}")):
         if plain.endswith(closing) and opening in plain:

@@ -63,7 +63,7 @@ def note_advice(campaign: Campaign) -> Advice | None:
 
 
 def make_advice(found: "Insights", after_batch: int) -> Advice:
-    """The advice of what was found."""
+    """Make the advice of what was found."""
     from fast.models.scientist.insights.health import worst_of
 
     assert found.outlook is not None
@@ -80,7 +80,7 @@ def make_advice(found: "Insights", after_batch: int) -> Advice:
 
 
 def read_advice(lake: Lake, campaign_id: str) -> list[Advice]:
-    """What was said after each batch, the newest first."""
+    """Read what was said after each batch, the newest first."""
     found: dict[int, Advice] = {}
     for (payload,) in tuples(lake, _SAID, campaign=campaign_id):
         advice = Advice.model_validate(json.loads(payload))
@@ -89,7 +89,7 @@ def read_advice(lake: Lake, campaign_id: str) -> list[Advice]:
 
 
 def has_stopped(campaign: Campaign, stage: int | None = None) -> bool:
-    """Whether the campaign ends before its schedule does, by itself, and before a stage where one is given.
+    """Return whether the campaign ends before its schedule does, by itself, and before a stage where one is given.
 
     So it does where its config lets it, and the last batches were all said not to be worth another. A stage whose tools
     are chosen already is finished.
@@ -107,7 +107,7 @@ def has_stopped(campaign: Campaign, stage: int | None = None) -> bool:
 
 
 def describe_stop(campaign: Campaign) -> str:
-    """Why the campaign ended by itself, and how it goes on all the same."""
+    """Tell why the campaign ended by itself, and how it goes on all the same."""
     said = read_advice(campaign.lake, campaign.campaign_id)
     chances = " and ".join(spell_chance(advice.chance) for advice in reversed(said[:IN_A_ROW]))
     return (

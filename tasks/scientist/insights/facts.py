@@ -59,7 +59,7 @@ _WAITED_H = """
 
 
 def read_facts(campaign: Campaign, state: CampaignState, surrogate: Surrogate | None) -> HealthFacts:
-    """What health cards are made of; `surrogate`: of the present data, None before there is one."""
+    """Read what health cards are made of; `surrogate`: of the present data, None before there is one."""
     lake, name = campaign.lake, campaign.campaign_id
     ((error_n, spread_n, n_tools),) = tuples(lake, _REPEATS, campaign=name)
     ((n_grasps, n_failed),) = tuples(lake, _GRASPS, campaign=name)
@@ -85,7 +85,7 @@ def read_facts(campaign: Campaign, state: CampaignState, surrogate: Surrogate | 
 
 
 def read_cost(campaign: Campaign, state: CampaignState) -> BatchCost:
-    """What a batch took so far, medians."""
+    """Read what a batch took so far, medians."""
     name = campaign.campaign_id
     ((bench_h,),) = tuples(campaign.lake, _BENCH_H, campaign=name)
     ((waited_h,),) = tuples(campaign.lake, _WAITED_H, campaign=name)
@@ -100,7 +100,7 @@ def read_cost(campaign: Campaign, state: CampaignState) -> BatchCost:
 
 
 def _surrogate_health(campaign: Campaign, surrogate: Surrogate) -> SurrogateHealth:
-    """Of the fit that the lake has to these data, else taken now, which costs fits to parts of them."""
+    """Return the health of the lake's fit to these data, else taken now, which costs fits to parts of them."""
     data = surrogate.data
     fits = campaign.lake.records(FitRow, campaign_id=campaign.campaign_id, purpose="tools")
     same = [row for row in fits if row.n_real == data.n_real and row.n_sim == data.n_sim and row.outcome is None]
@@ -112,7 +112,7 @@ def _surrogate_health(campaign: Campaign, surrogate: Surrogate) -> SurrogateHeal
 
 
 def _find_decisive(campaign: Campaign) -> tuple[int | None, float | None, int]:
-    """The object with the largest part in the variance of the mean over the objects, its part, and how many there are.
+    """Find the object with the largest part in the variance of the mean over objects, its part, and how many there are.
 
     The part of an object is the covariance of its force with the mean, over the sum of these of all objects.
     """
@@ -134,7 +134,7 @@ def _find_decisive(campaign: Campaign) -> tuple[int | None, float | None, int]:
 
 
 def _measure_walls(campaign: Campaign, state: CampaignState) -> tuple[float | None, int]:
-    """Median distance of measured walls and ribs from their drawing (mm), and of how many tools."""
+    """Compute the median distance of measured walls and ribs from their drawing (mm), and of how many tools."""
     designs = {tool.tool_id: tool.design for tool in state.tools}
     rows = campaign.lake.rows(ToolRow, campaign_id=campaign.campaign_id, status="printed")
     off: list[float] = []

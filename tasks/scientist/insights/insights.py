@@ -84,7 +84,7 @@ class Insights(Record):
 
 
 def find_insights(campaign: Campaign) -> Insights:
-    """Everything that the measured batches of a campaign have taught; takes seconds of CPU, writes nothing."""
+    """Find all that the measured batches of a campaign have taught; takes seconds of CPU, writes nothing."""
     with one_blas_thread():
         return _Gathering(campaign, campaign.state()).insights()
 
@@ -134,7 +134,7 @@ class _Gathering:
         )
 
     def _fit(self, outcome: Outcome) -> Surrogate | None:
-        """The surrogate of an outcome, with the simulations whether or not they help; None with too few data."""
+        """Fit the surrogate of an outcome, with the simulations whether or not they help; None with too few data."""
         data = observe(self._campaign, self._state, self._closed, outcome)
         if len(data) < MIN_OBSERVATIONS:
             return None
@@ -142,11 +142,11 @@ class _Gathering:
         return trust_prior(fit_surrogate(in_units_of(self._campaign, data), None, seed=seed), seed)
 
     def _trusted(self, surrogate: Surrogate) -> Surrogate:
-        """The surrogate that tools are chosen with."""
+        """Return the surrogate that tools are chosen with."""
         return trust_simulations(surrogate) if surrogate.data.is_log else surrogate
 
     def _explain(self, outcome: Outcome, surrogate: Surrogate, worlds: Worlds) -> OutcomeEffects:
-        """worlds: of the surrogate that tools are chosen with; `surrogate` has the simulations in any case."""
+        """Explain an outcome; worlds: of the surrogate that chooses tools; `surrogate` has the simulations anyway."""
         trusted, grid = worlds.surrogate, Grid.of(self._space, self._rng)
         best = best_measured_point(trusted)
         effects = find_effects(worlds, self._space, best, grid)
@@ -207,7 +207,7 @@ _ORDER = {"gap": 0, "effect": 2, "pair": 3, "stop": 1, "simplest": 4, "health": 
 
 
 def _urgency(card: Card) -> tuple[int, int]:
-    """Gaps first, then what to do, what matters, and health; of health what is red comes before all but gaps."""
+    """Put gaps first, then what to do, what matters, health; of health, red comes before all but gaps."""
     if card.tone == "red":
         return (0, 0) if card.topic == "gap" else (0, 1)
     return _ORDER[card.topic], 0

@@ -32,13 +32,13 @@ class Factor(NamedTuple):
 
 
 def make_factor(pattern: BlockPattern) -> Factor:
-    """Room for the factor of a matrix with this pattern."""
+    """Make room for the factor of a matrix with this pattern."""
     layout = panel_layout(pattern)
     return Factor(layout, _aligned_zeros(layout.size))
 
 
 def _aligned_zeros(size: int) -> np.ndarray:
-    """Zeros that start at a cache line, as tiles are read fastest."""
+    """Make zeros that start at a cache line, as tiles are read fastest."""
     array = np.zeros(size + TILE)
     start = -(array.ctypes.data // array.itemsize) % TILE
     return array[start : start + size]
@@ -75,7 +75,7 @@ def _assemble(layout: Layout, s: int, blocks: np.ndarray, data: np.ndarray) -> N
 
 @nb.njit(forceinline=True, error_model="numpy")
 def _factorise_panel(layout: Layout, s: int, data: np.ndarray) -> bool:
-    """Dense factorisation of panel s, and its update; False if it is not positive definite."""
+    """Factorise panel s densely, and compute its update; False if it is not positive definite."""
     place, stride, own, update = layout.place[s], layout.stride[s], layout.own[s], layout.update[s]
     for j in range(0, own, TILE):
         strip = place + j * stride

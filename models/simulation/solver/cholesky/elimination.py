@@ -15,7 +15,7 @@ PANEL_S, ENTRY_S, PRODUCT_S = 4e-7, 4e-10, 2.5e-11
 
 @nb.njit(cache=True, nogil=True)
 def elimination_tree(ptr: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Parent (n) of every column, -1 for a root; the pattern has both triangles. Davis, section 4.1."""
+    """Find the parent (n) of every column, -1 for a root; the pattern has both triangles. Davis, section 4.1."""
     n = len(ptr) - 1
     parent, ancestor = np.full(n, -1, np.int32), np.full(n, -1, np.int32)
     for j in range(n):
@@ -56,7 +56,7 @@ def postorder(parent: np.ndarray) -> np.ndarray:
 
 @nb.njit(cache=True, nogil=True)
 def column_counts(ptr: np.ndarray, rows: np.ndarray, parent: np.ndarray) -> np.ndarray:
-    """Number of rows (n) below the diagonal in every column of the factor. Davis, section 4.5."""
+    """Count the rows (n) below the diagonal in every column of the factor. Davis, section 4.5."""
     n = len(ptr) - 1
     counts, mark = np.zeros(n, np.int32), np.full(n, -1, np.int32)
     for i in range(n):
@@ -72,7 +72,7 @@ def column_counts(ptr: np.ndarray, rows: np.ndarray, parent: np.ndarray) -> np.n
 
 @nb.njit(cache=True, nogil=True)
 def group_columns(parent: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Panel (n) of every column of a postordered tree, and the panel over every panel, -1 for none.
+    """Find the panel (n) of every column of a postordered tree, and the panel over every panel, -1 for none.
 
     A panel is named by its last column. A column joins its neighbour when their rows are the same, and a panel joins
     the one over it when the time model says that the zeros this adds cost less than they save.
@@ -107,6 +107,6 @@ def group_columns(parent: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, n
 
 @nb.njit(cache=True, nogil=True)
 def _panel_time(width: int, below: int) -> float:
-    """Estimated time in s to factorise a panel of `width` block columns with `below` block rows below them."""
+    """Estimate the time in s to factorise a panel of `width` block columns with `below` block rows below them."""
     p, m = 3.0 * width, 3.0 * below
     return PANEL_S + ENTRY_S * (p * m + 0.5 * m * m) + PRODUCT_S * (p * p * p / 3.0 + p * p * m + p * m * m)

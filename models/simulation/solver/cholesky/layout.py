@@ -59,7 +59,7 @@ class Layout(NamedTuple):
 
 
 def panel_layout(pattern: BlockPattern) -> Layout:
-    """Layout for the panels of a pattern."""
+    """Make the layout for the panels of a pattern."""
     starts, over = pattern.panels, pattern.over
     row_ptr, rows = _rows_below(pattern.indptr, pattern.indices, starts, over)
     width, below = 3 * np.diff(starts), 3 * np.diff(row_ptr)
@@ -91,7 +91,7 @@ def panel_layout(pattern: BlockPattern) -> Layout:
 
 
 def _padded(counts: np.ndarray) -> np.ndarray:
-    """Next multiples of the tile size."""
+    """Return the next multiples of the tile size."""
     return (counts + TILE - 1) // TILE * TILE
 
 
@@ -127,7 +127,7 @@ def _rows_below(
 
 @nb.njit(cache=True, nogil=True)
 def _stacks(over: np.ndarray, sizes: np.ndarray, start: int) -> tuple[np.ndarray, int]:
-    """Places of the updates on two stacks that begin at `start`, and their end."""
+    """Return the places of the updates on two stacks that begin at `start`, and their end."""
     n = len(over)
     parity, lowest, update = np.zeros(n, np.int64), np.full(n, -1), np.zeros(n, np.int64)
     for s in range(n - 1, -1, -1):
@@ -181,7 +181,7 @@ def _block_places(
     place: np.ndarray,
     stride: np.ndarray,
 ) -> np.ndarray:
-    """Place of the first entry of every block of the pattern in its panel."""
+    """Find the place of the first entry of every block of the pattern in its panel."""
     places = np.zeros(len(indices), np.int64)
     for s in range(len(stride)):
         for j in range(starts[s], starts[s + 1]):

@@ -31,7 +31,7 @@ class BlockPattern:
 
 
 def block_pattern(n: int, pairs: np.ndarray) -> BlockPattern:
-    """Pattern of a node graph with edges `pairs` (m, 2), ordered to keep the factor sparse."""
+    """Make the pattern of a node graph with edges `pairs` (m, 2), ordered to keep the factor sparse."""
     graph = _graph(n, pairs)
     order, panels, over = _ordered_panels(graph, _minimum_degree(graph))
     lower = sp.tril(_permuted(graph, order), format="csc")
@@ -39,7 +39,7 @@ def block_pattern(n: int, pairs: np.ndarray) -> BlockPattern:
 
 
 def _graph(n: int, pairs: np.ndarray) -> sp.csc_matrix:
-    """Symmetric pattern with a full diagonal."""
+    """Return the symmetric pattern with a full diagonal."""
     nodes = np.arange(n)
     first, second = np.concatenate([pairs[:, 0], nodes]), np.concatenate([pairs[:, 1], nodes])
     half = sp.csc_matrix((np.ones(len(first), dtype=bool), (first, second)), shape=(n, n))
@@ -47,14 +47,14 @@ def _graph(n: int, pairs: np.ndarray) -> sp.csc_matrix:
 
 
 def _minimum_degree(graph: sp.csc_matrix) -> np.ndarray:
-    """Approximate minimum degree order (n); qdldl gives it with a factorisation, here of a dominant diagonal."""
+    """Find an approximate minimum degree order (n); qdldl gives it in factorising, here a dominant diagonal."""
     n = graph.shape[0]
     dominant = graph.astype(float) + n * sp.eye(n, format="csc")
     return np.asarray(qdldl.Solver(sp.csc_matrix(dominant)).factors()[2])
 
 
 def _ordered_panels(graph: sp.csc_matrix, order: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Equivalent order (n) in which every panel is contiguous; first columns (s + 1) and `over` (s) of the panels."""
+    """Order so that every panel is contiguous (n, equivalent); first columns (s + 1) and `over` (s) of the panels."""
     permuted = _permuted(graph, order)
     parent = elimination_tree(permuted.indptr, permuted.indices)
     rising = postorder(parent)
@@ -82,6 +82,6 @@ def _inverse(order: np.ndarray) -> np.ndarray:
 
 
 def _renumbered(parent: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Tree after its nodes are put in this order."""
+    """Return the tree after its nodes are put in this order."""
     above = parent[order]
     return np.where(above < 0, -1, _inverse(order)[above])

@@ -31,7 +31,7 @@ class _Code:
         self.builder, self.data = builder, data
 
     def function(self, name: str, result: Any, *arguments: Any) -> Any:
-        """Function of LLVM."""
+        """Return a function of LLVM."""
         return cgutils.get_or_insert_function(self.builder.module, ir.FunctionType(result, arguments), name)
 
     def at(self, place: Value, step: Value | int, times: int = 1) -> Value:
@@ -41,7 +41,7 @@ class _Code:
         return self.builder.add(place, self.builder.mul(step, PLACE(times)))
 
     def load(self, place: Value) -> Value:
-        """Eight doubles from `place` on."""
+        """Load eight doubles from `place` on."""
         return self.builder.load(self.pointer(place), align=ALIGNMENT)
 
     def store(self, value: Value, place: Value) -> None:
@@ -49,27 +49,27 @@ class _Code:
         self.builder.store(value, self.pointer(place), align=ALIGNMENT)
 
     def columns(self, place: Value, stride: Value) -> list[Value]:
-        """The eight columns of a tile."""
+        """Load the eight columns of a tile."""
         return [self.load(self.at(place, stride, j)) for j in range(TILE)]
 
     def scalar(self, place: Value) -> Value:
-        """One double."""
+        """Load one double."""
         return self.builder.load(self.builder.gep(self.data, [place]))
 
     def spread(self, scalar: Value) -> Value:
-        """The scalar in all eight lanes."""
+        """Spread the scalar to all eight lanes."""
         first = self.builder.insert_element(VECTOR(ir.Undefined), scalar, LANE(0))
         return self.builder.shuffle_vector(first, VECTOR(ir.Undefined), _lanes([0] * TILE))
 
     def first_lanes(self, count: Value) -> Value:
-        """Mask of the first `count` lanes."""
+        """Make the mask of the first `count` lanes."""
         lanes = ir.VectorType(PLACE, TILE)
         first = self.builder.insert_element(lanes(ir.Undefined), count, LANE(0))
         counts = self.builder.shuffle_vector(first, lanes(ir.Undefined), _lanes([0] * TILE))
         return self.builder.icmp_signed("<", lanes(list(range(TILE))), counts)
 
     def load_lanes(self, place: Value, mask: Value) -> Value:
-        """The masked ones of eight doubles, 0 for the others."""
+        """Load the masked ones of eight doubles, 0 for the others."""
         pointer = self.pointer(place)
         load = self.function("llvm.masked.load.v8f64.p0", VECTOR, pointer.type, LANE, mask.type, VECTOR)
         return self.builder.call(load, [pointer, LANE(ALIGNMENT), mask, VECTOR([0.0] * TILE)])
@@ -81,31 +81,31 @@ class _Code:
         self.builder.call(store, [value, pointer, LANE(ALIGNMENT), mask])
 
     def select(self, first: Value, second: Value, count: int) -> Value:
-        """The first `count` lanes of `first`, the others of `second`."""
+        """Select the first `count` lanes of `first`, the others of `second`."""
         lanes = _lanes([k if k < count else TILE + k for k in range(TILE)])
         return self.builder.shuffle_vector(first, second, lanes)
 
     def add_product(self, total: Value, left: Value, right: Value) -> Value:
-        """Total + left * right."""
+        """Compute total + left * right."""
         fused = self.function("llvm.fma.v8f64", VECTOR, VECTOR, VECTOR, VECTOR)
         return self.builder.call(fused, [left, right, total])
 
     def subtract_product(self, total: Value, left: Value, right: Value) -> Value:
-        """Total - left * right."""
+        """Compute total - left * right."""
         return self.add_product(total, self.builder.fneg(left), right)
 
     def pointer(self, place: Value) -> Value:
-        """Pointer to eight doubles."""
+        """Return a pointer to eight doubles."""
         return self.builder.bitcast(self.builder.gep(self.data, [place]), VECTOR.as_pointer())
 
 
 def _lanes(numbers: list[int]) -> Value:
-    """Which lanes of two vectors, the second from 8 on, make up a third."""
+    """Tell which lanes of two vectors, the second from 8 on, make up a third."""
     return ir.VectorType(LANE, TILE)(numbers)
 
 
 def _intrinsic(emit: Emit, n_places: int, result: types.Type = types.void, n_arrays: int = 1) -> tuple[Any, Any]:
-    """Signature (arrays, integers) -> result, with code that `emit(*codes of the arrays, *integers)` writes in line."""
+    """Declare (arrays, integers) -> result, with code that `emit(*codes of the arrays, *integers)` writes in line."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Sequence[Value]) -> Value:
         arrays = zip(signature.args[:n_arrays], args[:n_arrays], strict=True)
@@ -119,7 +119,7 @@ def _intrinsic(emit: Emit, n_places: int, result: types.Type = types.void, n_arr
 
 
 def _reduced(code: _Code, tile: list[Value], rows: Value, columns: Value, stride: Value, depth: Value) -> list[Value]:
-    """Tile - A B^T, with A and B (8, depth) from places `rows` and `columns` on."""
+    """Compute tile - A B^T, with A and B (8, depth) from places `rows` and `columns` on."""
     builder = code.builder
     registers = [cgutils.alloca_once_value(builder, column) for column in tile]
     with cgutils.for_range(builder, depth) as loop:
@@ -186,7 +186,7 @@ def _exchange(code: _Code, first: Value, second: Value, distance: int) -> tuple[
 
 
 def _transposed(code: _Code, tile: list[Value]) -> list[Value]:
-    """The tile's rows, by swaps of ever smaller blocks."""
+    """Return the tile's rows, by swaps of ever smaller blocks."""
     tile = list(tile)
     for distance in (4, 2, 1):
         for j in range(TILE):
@@ -196,7 +196,7 @@ def _transposed(code: _Code, tile: list[Value]) -> list[Value]:
 
 
 def _column_sums(code: _Code, tile: list[Value]) -> Value:
-    """Vector of the sums of the eight columns."""
+    """Return the vector of the sums of the eight columns."""
     for distance in (4, 2, 1):
         pairs = [_exchange(code, tile[j], tile[j + distance], distance) for j in range(distance)]
         tile = [code.builder.fadd(low, high) for low, high in pairs]

@@ -135,18 +135,18 @@ def _read_numbers(path: Path, block: Block, place: int) -> np.ndarray:
     try:
         values = np.array([np.nan if value is None else value for value in read_column(block, place)])
     except BrokenRow as error:
-        raise UsageError(f"{path}: {error}; nothing was written: {_say_remedy(error.cell)}.") from error
+        raise UsageError(f"{path}: {error}; nothing was written: {_say_remedy(error.field)}.") from error
     if not np.isfinite(values).any():
         raise UsageError(f"{path}: column {place + 1} has no numbers; nothing was written: name another in the format.")
     return values
 
 
-def _say_remedy(cell: str) -> str:
+def _say_remedy(field: str) -> str:
     """Say what to do about a cell that is no number."""
-    match = re.fullmatch(r"[^A-Za-z]*\d\s*([^\W\d_]+)", cell)
+    match = re.fullmatch(r"[^A-Za-z]*\d\s*([^\W\d_]+)", field)
     if match and quantity_of_unit(match[1]):
         return f"give numbers alone, all in one unit, which stands in the head, like `Load ({match[1]})`"
-    return "correct it, or `decimal` of the format file" if re.search(r"\d", cell) else "correct it"
+    return "correct it, or `decimal` of the format file" if re.search(r"\d", field) else "correct it"
 
 
 def _read_channel(path: Path, block: Block, place: int, quantity: Quantity, column: Column | None) -> np.ndarray:

@@ -31,9 +31,9 @@ _SAID_UNIT = re.compile(
 class BrokenRow(ValueError):
     """A cell between the samples that is no number."""
 
-    def __init__(self, text: str, cell: str = "") -> None:
+    def __init__(self, text: str, field: str = "") -> None:
         super().__init__(text)
-        self.cell = cell
+        self.field = field
 
 
 class Block(NamedTuple):

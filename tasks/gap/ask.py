@@ -2,9 +2,10 @@
 
 First what needs no simulation: other speeds, dwells and pressures, for which what was simulated serves. Only where they
 do not promise enough are other strokes and placements simulated, a bounded number of them. Where no grasp tells, a
-person is asked. Only the first is asked below the line of an alarm, since what two simulators differ by is the same at
-every speed and cancels in the pair, but not where something else is simulated; and where an alarm excludes all of the
-catalogue, since minutes of simulations, or a person's, are too much for effects that are out nine times in ten.
+person is asked. Only the first is asked below the threshold of an alarm, since what two simulators differ by is the
+same at every speed and cancels in the pair, but not where something else is simulated; and where an alarm excludes all
+of the catalogue, since minutes of simulations, or a person's, are too much for effects that are out nine times in
+ten.
 """
 
 from collections.abc import Sequence

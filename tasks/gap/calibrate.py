@@ -54,7 +54,7 @@ class SearchInputs:
     simulate: Simulate
     """Makes what the lake lacks of plans, which the first argument names; it fails if it cannot make all."""
     rehearsal: Rehearsal
-    """Made-up worlds of the wide bank, from which lines and probabilities come."""
+    """Made-up worlds of the wide bank, from which thresholds and probabilities come."""
     bank_plan: BankPlan = WIDE
     """Which bank answers."""
     answers: Answers | None = None

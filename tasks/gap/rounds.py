@@ -106,7 +106,7 @@ class Settled:
 def settle_bank(wide: SearchInputs, in_model: Sequence[EffectValue], former: BankPlan | None = None) -> Settled:
     """Name what is missing with the wide bank, and again with one around the theta that was found, which is simulated.
 
-    Either bank may raise the alarm, by the lines of the rehearsal.
+    Either bank may raise the alarm, by the thresholds of the rehearsal.
 
     in_model: effects of the simulator, and those that are taken for granted. former: the bank of the round before,
     which stays if it can.

@@ -1,8 +1,8 @@
-"""Rehearsal: made-up worlds of the panel at hand, answered as the real one is; lines and probabilities come from them.
+"""Rehearsal: made-up worlds of the panel at hand, answered as the real one is, for thresholds and probabilities.
 
 How probable a name is, and what may be taken for what else, are outcomes of the lab's own tools, objects, repeats and
-noise; so are lines beyond which signs are an alarm, where they are not below those that another solver's grasps ask for
-(`LEAST`).
+noise; so are thresholds beyond which signs are an alarm, where they are not below those that another solver's grasps
+ask for (`LEAST`).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -115,7 +115,7 @@ class Rehearsal:
         return signs.measure_over(self.thresholds) > 1.0
 
     def judge_gap(self, signs: Signs) -> float:
-        """Compute the chance that a world with these hides something: the share of worlds on its side of the lines.
+        """Compute the chance that a world with these hides something: the share of worlds on its side of the threshold.
 
         As many hide something as not.
         """
@@ -254,7 +254,7 @@ def rehearse_world(panel: Panel, number: int) -> Rehearsed:
     own, trials = _find_family(panel.families, world), Trials.of(fit, weighed, panel.families)
     second = panel.families.get(world.second, "")
     said = Rehearsed(world.group, trials.signs, world.cause, own, world.size, second=second)
-    # A name is asked for where the real panel would: beyond the least lines at least.
+    # A name is asked for where the real panel would: beyond the least thresholds at least.
     if world.group == NOTHING or trials.signs.measure_over(LEAST) < 1.0:
         return said
     left_out = _name(trials.without(own), panel.families, world) if own and not second else None

@@ -137,7 +137,7 @@ def test_what_is_asked_again_is_read_again_only_when_rows_came_or_went(lake, pro
 
 
 def test_few_answers_are_kept_and_no_large_one(lake, monkeypatch):
-    monkeypatch.setattr(engine, "_N_ANSWERS", 2)
+    monkeypatch.setattr(engine, "_N_RESULTS", 2)
     for limit in range(5):
         lake.query_kept("SELECT grasp_id FROM grasps LIMIT ?", [limit])
     assert len(lake._engine._answers) == 2

@@ -121,7 +121,7 @@ def press_and_pull(
     """
     nodes = to_object_frame(mesh.nodes, HEIGHT_MM, 0.0)
     material = Material(MODULUS_MPA, POISSON, law)
-    with mock.patch.object(contact_points, "_triangle_cells", _corners) if at_nodes else nullcontext():
+    with mock.patch.object(contact_points, "_divide_triangle", _corners) if at_nodes else nullcontext():
         rig = set_up(
             mesh,
             nodes,

@@ -136,13 +136,13 @@ def test_what_is_asked_again_is_read_again_only_when_rows_came_or_went(lake, pro
     assert (peaks_n(), len(questions)) == ([10], 5)
 
 
-def test_few_answers_are_kept_and_no_large_one(lake, monkeypatch):
+def test_few_results_are_kept_and_no_large_one(lake, monkeypatch):
     monkeypatch.setattr(engine, "_N_RESULTS", 2)
     for limit in range(5):
         lake.query_kept("SELECT grasp_id FROM grasps LIMIT ?", [limit])
-    assert len(lake._engine._answers) == 2
+    assert len(lake._engine._results) == 2
     lake.query_kept("SELECT unnest(range(?)) AS n", [100_000])
-    assert len(lake._engine._answers) == 2
+    assert len(lake._engine._results) == 2
 
 
 def test_appending_the_same_rows_again_duplicates_nothing(lake, provenance, make_grasp):

@@ -8,26 +8,28 @@ import pytest
 
 from fast.flows.challenge.hidden.panel_file import read_small
 from fast.flows.challenge.hidden.worlds import Worlds
-from fast.models.gap.evidence.candidates import weigh_candidates, weigh_effects, weigh_patterns
+from fast.models.gap.evidence import worlds as worlds_module
+from fast.models.gap.evidence.candidates import Candidate, weigh_candidates, weigh_effects, weigh_patterns
 from fast.models.gap.evidence.drifts import find_batches
-from fast.models.gap.evidence.errors import Errors
-from fast.models.gap.evidence.facts import list_facts
+from fast.models.gap.evidence.errors import TAILS, Errors
+from fast.models.gap.evidence.facts import Fact, list_facts
 from fast.models.gap.evidence.laws import scale_value
 from fast.models.gap.evidence.likelihood import EvidenceFit, Problem, add_effect, fit_evidence
 from fast.models.gap.evidence.odds import Odds
-from fast.models.gap.evidence.reading import OF_BINS, Reading
+from fast.models.gap.evidence.reading import OF_BINS, Reading, compute_rms
 from fast.models.gap.evidence.rehearsal import (
     LEAST_BEHIND,
     Named,
     Panel,
     Rehearsal,
     Rehearsed,
+    _learn_names,
     rehearse,
     rehearse_world,
 )
-from fast.models.gap.evidence.trials import LEAST, Signs, Trials
+from fast.models.gap.evidence.trials import LEAST, N_DESCRIBED, Signs, Trials, _choose
 from fast.models.gap.evidence.visible import find_visible_sizes
-from fast.models.gap.evidence.worlds import make_world
+from fast.models.gap.evidence.worlds import LISTED, NOTHING, make_world
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.traces.step_features import N_STEPS
@@ -451,3 +453,48 @@ def test_worlds_have_the_effects_of_the_model(worlds: Worlds) -> None:
     family = {"object_edge_radius": CATALOGUE["object_edge_radius"].family}
     rehearsal = rehearse(Panel(problem, family), 4)
     assert max(one.signs.nats for one in rehearsal.worlds if one.group == "nothing") < 25.0
+
+
+def test_what_is_left_is_what_the_evidence_of_cells_weighs(fit: EvidenceFit) -> None:
+    """Without what variants, heights and smooth errors take up, which have no place in theta."""
+    chi = (fit.whiten(fit.rest_n[None])[0, : fit.rest_n.size].reshape(fit.rest_n.shape) ** 2).sum(axis=1)
+    assert fit.cell_nats == pytest.approx(-0.5 * (TAILS + OF_BINS.shape[0]) * np.log1p(chi / TAILS))
+    assert compute_rms(fit.rest_n) < compute_rms(fit.problem.means_n - fit.force_n)
+
+
+def test_the_most_evident_effects_of_the_most_evident_families_are_tried() -> None:
+    families = {f"{family}{number}": family for family in "ABCD" for number in range(5)}
+    weighed = [Candidate("a force", "common", 99.0), *(Candidate(name, "effect", 50.0) for name in families)]
+    assert [one.name for one in _choose(weighed, families)] == [
+        f"{family}{number}" for family in "ABC" for number in range(3)
+    ]
+
+
+def test_names_are_asked_for_where_something_is_hidden_and_seen(problem: Problem) -> None:
+    panel = Panel(problem, {"load_cell_offset": CATALOGUE["load_cell_offset"].family})
+    worlds = [rehearse_world(panel, number) for number in range(16)]
+    is_seen = [one.group != NOTHING and one.signs.measure_over(LEAST) >= 1.0 for one in worlds]
+    named = [one.named is not None for one in worlds]
+    assert not any(is_named and not seen for is_named, seen in zip(named, is_seen, strict=True))
+    listed = [number for number, one in enumerate(worlds) if one.group == LISTED]
+    assert [named[number] for number in listed] == [is_seen[number] for number in listed]
+    assert 0 < sum(named) < 8
+
+
+def test_right_and_wrong_names_weigh_alike_however_many_there_are() -> None:
+    """What a lab's cause is, nobody knows before: of the same evidence, half are right."""
+    alike = (0.0,) * N_DESCRIBED
+    right, wrong = Named("load_cell_lag", alike, True), Named("load_cell_lag", alike, False)
+    assert _learn_names([right] * 40, [wrong] * 4).judge(np.array(alike)) == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_world_hides_the_effect_that_its_facts_measure(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(worlds_module, "_measure", lambda problem, true_n, base_n, rng: true_n - base_n)
+    monkeypatch.setattr(worlds_module, "_PAIRS", 0.0)
+    fact = Fact("load_cell_offset", "offset_n", 0.0, 1e-9)
+    seen = []
+    for number in (1, 5, 9, 13, 17, 21):
+        world = make_world(replace(problem, facts=(fact,)), ["load_cell_offset"], np.random.default_rng(number), number)
+        seen.append(world.steps_n.mean() / world.facts[0].value)
+    assert seen == pytest.approx([1.0] * len(seen), abs=0.9)  # another law of it varies by 30 % over lift and cells
+    assert np.median(seen) == pytest.approx(1.0, abs=0.3)

@@ -27,7 +27,7 @@ from fast.models.gap.evidence.rehearsal import (
     rehearse,
     rehearse_world,
 )
-from fast.models.gap.evidence.trials import LEAST, N_DESCRIBED, Signs, Trials, _choose
+from fast.models.gap.evidence.trials import LEAST, N_DESCRIBED, Signs, Trial, Trials, _choose
 from fast.models.gap.evidence.visible import find_visible_sizes
 from fast.models.gap.evidence.worlds import LISTED, NOTHING, make_world
 from fast.models.records import EffectValue
@@ -498,3 +498,15 @@ def test_a_world_hides_the_effect_that_its_facts_measure(problem: Problem, monke
         seen.append(world.steps_n.mean() / world.facts[0].value)
     assert seen == pytest.approx([1.0] * len(seen), abs=0.9)  # another law of it varies by 30 % over lift and cells
     assert np.median(seen) == pytest.approx(1.0, abs=0.3)
+
+
+@pytest.mark.parametrize("number", [46, 76])
+def test_a_stall_that_its_own_law_cancels_is_none(problem: Problem, number: int) -> None:
+    """Where nothing is hidden, a stiffer start ends at the finger that it began from, with evidence of free laws alone."""
+    name = "force_limited_closing"
+    world = make_world(problem, [name], np.random.default_rng([0, number]), number)
+    fit = fit_evidence(problem.measured(world.steps_n))
+    (found,) = weigh_effects(fit, [name])
+    ends = [add_effect(fit, value, stiffer) for value, stiffer in found.starts]
+    assert max(end.nats for end in ends) > fit.nats + 30.0
+    assert Trial.of(fit, found, CATALOGUE[name].family).nats < 3.0

@@ -502,7 +502,7 @@ def test_a_world_hides_the_effect_that_its_facts_measure(problem: Problem, monke
 
 @pytest.mark.parametrize("number", [46, 76])
 def test_a_stall_that_its_own_law_cancels_is_none(problem: Problem, number: int) -> None:
-    """Where nothing is hidden, a stiffer start ends at the finger that it began from, with evidence of free laws alone."""
+    """A stiffer start that ends at the finger it began from has the evidence of free laws alone."""
     name = "force_limited_closing"
     world = make_world(problem, [name], np.random.default_rng([0, number]), number)
     fit = fit_evidence(problem.measured(world.steps_n))

@@ -11,7 +11,7 @@ USUAL = Rehearsal(
         *[Rehearsed("listed", Signs(300.0, 1.0), size=0.1)] * 45,
     ),
     thresholds=LEAST,
-    name=Odds((-7.4, 1.2, -2.65, 0.0, -1.1, -0.15)),  # without the next family, which small catalogues lack
+    name=Odds((-1.1, 1.2, -1.1, 0.0, -2.4, 0.1, -0.7)),  # without the next family, which small catalogues lack
     behind=0.1,
     possible_name=0.6,
     possible_unknown=0.6,

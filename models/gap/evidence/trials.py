@@ -27,7 +27,7 @@ from fast.models.records import EffectValue
 N_FAMILIES, N_OF_FAMILY = 3, 3  # that are tried: the most evident families, and effects of each
 NEEDED_NATS = 3.0  # of an effect in the simulator: with less evidence than that it is not needed
 _N_BESIDES = 6  # effects of other families that are weighed beside the best: the most evident ones
-N_DESCRIBED = 5
+N_DESCRIBED = 6
 _USUAL_NATS = 100.0
 # An effect whose law would have to go farther than one law in a hundred goes, is another one that has its form alone.
 LARGEST_DEPARTURE = float(chdtri(N_KNOTS, 0.01))
@@ -110,10 +110,18 @@ class Trial:
         return self.fit.law_departure > LARGEST_DEPARTURE
 
     @property
+    def _left_patterns(self) -> list[Candidate]:
+        return [one for one in self.left if one.kind not in ("effect", QUANTITY) and not one.effect]
+
+    @property
     def left_patterns_nats(self) -> float:
         """Evidence that is left for a pattern or a drift without a name."""
-        patterns = [one for one in self.left if one.kind not in ("effect", QUANTITY) and not one.effect]
-        return max((one.nats for one in patterns), default=0.0)
+        return max((one.nats for one in self._left_patterns), default=0.0)
+
+    @property
+    def left_over_least(self) -> float:
+        """How many times over the least evidence that is an alarm the one of these is that is most over it."""
+        return max((one.nats / LEAST.find_threshold(one) for one in self._left_patterns), default=0.0)
 
     @property
     def left_quantities_nats(self) -> float:
@@ -178,7 +186,8 @@ class Trials:
         """List what there is evidence for besides the families `known`, whose effects the fit has; most first."""
         seen = [one.name for one in self.weighed if one.kind == "effect"]
         others = [name for name in seen if families.get(name) not in (None, *known, *self.missing)][:_N_BESIDES]
-        drifts = weigh_drifts(fit)
+        kept = {name for name, family in families.items() if family not in self.missing}
+        drifts = [one if one.effect in kept else replace(one, effect="") for one in weigh_drifts(fit)]
         # Where what is changed by an effect itself changes from grasp to grasp, lesser drifts only look like that.
         own = max((one.nats for one in drifts if families.get(one.effect) in known), default=0.0)
         lesser = [one for one in drifts if one.nats <= own]
@@ -197,12 +206,13 @@ class Trials:
         return replace(self, tried=tried, refused=refused, missing=(*self.missing, family))
 
     def describe(self) -> np.ndarray:
-        """Describe what tells a right name from a wrong one, `N_DESCRIBED` logarithms.
+        """Describe what tells a right name from a wrong one, `N_DESCRIBED` numbers, all but the last logarithms.
 
         The evidence of the best effect, as far as more of it says more; the mean share of it that is left for a
         pattern, a quantity, and another effect; the evidence of the best effect of another family, or of one that is
-        refused, as such a share; by how much what is left for a pattern would be an alarm of its own; and the share of
-        a second effect beside the best. With a second, what is left is what both leave.
+        refused, as such a share; by how much what is left for a pattern would be an alarm of its own; the share of a
+        second effect beside the best; and how many standard deviations the law of the best had to go. With a second,
+        what is left is what both leave.
         """
         best = self.tried[0]
         others = [trial.nats for trial in self.tried if trial.family != best.family]
@@ -215,8 +225,9 @@ class Trials:
                 min(np.log(nats / _USUAL_NATS), 1.0),
                 np.log(np.clip(left / nats, _LEAST_SHARE, _MOST_SHARE)).mean(),
                 np.log(np.clip(second / nats, _LEAST_SHARE, _MOST_SHARE)),
-                np.log(max(last.left_patterns_nats / LEAST.nats, 1.0)),
+                np.log(max(last.left_over_least, 1.0)),
                 np.log(np.clip(beside / nats, _LEAST_SHARE, _MOST_SHARE)),
+                np.sqrt(best.fit.law_departure),
             ]
         )
 

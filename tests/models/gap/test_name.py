@@ -10,7 +10,7 @@ from fast.models.gap.data import GapData
 from fast.models.gap.evaluation.evaluate import find_confounds
 from fast.models.gap.evidence.candidates import Candidate
 from fast.models.gap.evidence.odds import Odds
-from fast.models.gap.evidence.trials import LEAST
+from fast.models.gap.evidence.trials import LEAST, N_DESCRIBED
 from fast.models.gap.naming.decide import choose_alike
 from fast.models.gap.naming.name import Alarm, NamingResult, name_effect, share_names
 from fast.models.records import EffectValue
@@ -69,7 +69,7 @@ def test_what_is_hidden_is_named(effect: str) -> None:
 
 def test_a_name_that_is_less_probable_than_not_is_unknown(lag: NamingResult) -> None:
     """Its size, where it is, and which effect comes nearest are said."""
-    doubtful = replace(lag.decider, rehearsal=replace(USUAL, name=Odds((-0.1, 0.0, 0.0, 0.0, 0.0, 0.0))))
+    doubtful = replace(lag.decider, rehearsal=replace(USUAL, name=Odds((-0.1, *[0.0] * N_DESCRIBED))))
     decision, chance = doubtful.decide(0.9, is_alarm=True)
     assert decision.kind == "unknown"
     assert decision.probability == pytest.approx(0.9 * (1.0 - chance))
@@ -83,7 +83,7 @@ def test_what_nine_in_ten_rehearsed_alarms_do_not_exclude_is_possible(lag: Namin
         log_odds = float(np.log(name / (1.0 - name)))
         rehearsal = replace(
             USUAL,
-            name=Odds((log_odds, 0.0, 0.0, 0.0, 0.0, 0.0)),
+            name=Odds((log_odds, *[0.0] * N_DESCRIBED)),
             possible_name=possible_name,
             possible_unknown=possible_unknown,
         )

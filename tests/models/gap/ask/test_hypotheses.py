@@ -8,6 +8,7 @@ import pytest
 from fast.models.gap.ask.hypotheses import LEAST, POSSIBLE, Hypothesis, list_hypotheses
 from fast.models.gap.ask.settle import settle
 from fast.models.gap.evidence.odds import Odds
+from fast.models.gap.evidence.trials import N_DESCRIBED
 from fast.models.gap.findings import Decision
 from fast.models.gap.naming.name import NamingResult, name_effect, share_evidence
 from fast.models.records import EffectValue
@@ -73,7 +74,7 @@ def test_a_suspicion_begins_where_one_in_ten_honest_worlds_lies() -> None:
 
 def test_the_next_family_gets_what_the_best_leaves(suspected: NamingResult) -> None:
     """With even odds for every name: a half, a quarter, an eighth."""
-    even = replace(suspected.decider, rehearsal=replace(USUAL, name=Odds((0.0,) * 6)))
+    even = replace(suspected.decider, rehearsal=replace(USUAL, name=Odds((0.0,) * (1 + N_DESCRIBED))))
     families = list(even.judge_families().items())
     assert [chance for _, chance in families] == [0.5**n for n in range(1, 1 + len(families))]
     assert families[0][0] == suspected.trials.tried[0].family
@@ -90,7 +91,7 @@ def test_effects_of_a_family_share_its_odds(suspected: NamingResult) -> None:
     tried = (replace(best, nats=20.0), replace(second, family=best.family, nats=19.0))
     decider = replace(
         suspected.decider,
-        rehearsal=replace(USUAL, name=Odds((0.0,) * 6)),
+        rehearsal=replace(USUAL, name=Odds((0.0,) * (1 + N_DESCRIBED))),
         trials=replace(suspected.trials, tried=tried),
     )
     raised = replace(suspected, decider=decider, alarm=replace(suspected.alarm, is_raised=True, gap=1.0))
@@ -131,7 +132,7 @@ def test_a_name_that_is_sure_leaves_nothing_to_ask(
 def test_what_has_a_third_of_the_best_evidence_is_possible_and_what_has_less_is_not(suspected: NamingResult) -> None:
     """With names that are never right, every effect has a share of next to nothing."""
     best, second, third = suspected.trials.tried[:3]
-    never = replace(USUAL, name=Odds((-9.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    never = replace(USUAL, name=Odds((-9.0, *[0.0] * N_DESCRIBED)))
 
     def list_effects(nats: float) -> set[str]:
         tried = (replace(best, nats=12.0), replace(second, nats=nats), replace(third, nats=3.9))

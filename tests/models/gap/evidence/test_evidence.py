@@ -27,7 +27,7 @@ from fast.models.gap.evidence.rehearsal import (
     rehearse,
     rehearse_world,
 )
-from fast.models.gap.evidence.trials import LEAST, N_DESCRIBED, Signs, Trial, Trials, _choose
+from fast.models.gap.evidence.trials import LARGEST_DEPARTURE, LEAST, N_DESCRIBED, Signs, Trial, Trials, _choose
 from fast.models.gap.evidence.visible import find_visible_sizes
 from fast.models.gap.evidence.worlds import LISTED, NOTHING, make_world
 from fast.models.records import EffectValue
@@ -277,6 +277,44 @@ def test_an_effect_that_fits_by_another_law_is_refused(problem: Problem, pull_n:
     assert only.is_refused == is_refused
     assert only.nats > 60.0
     assert len(trials.tried) + len(trials.refused) == 1
+
+
+def test_how_far_a_law_had_to_go_describes_a_name(problem: Problem) -> None:
+    """The less a pull is like that of a load cell's zero, the more standard deviations of its law it takes."""
+    families = {"load_cell_offset": CATALOGUE["load_cell_offset"].family}
+    found = []
+    for part in (0.0, 0.2, 0.4):
+        pull_n = 0.5 + part * np.linspace(-0.5, 0.5, N_STEPS)
+        fit = fit_evidence(problem.measured(problem.surrogate.grasps.steps_n + pull_n))
+        trials = Trials.of(fit, weigh_candidates(fit, list(families)), families).look_after_best(families)
+        found.append(trials.describe()[5])
+    assert found[0] < found[1] < found[2] <= np.sqrt(LARGEST_DEPARTURE)
+    assert found[2] > found[0] + 1.0
+
+
+def test_what_only_a_missing_effect_would_explain_is_a_pattern_without_a_name(worlds: Worlds) -> None:
+    """Repeats that soften are Mullins' effect; a catalogue without it has no name for them."""
+    problem = _hide(worlds, "mullins_softening")
+    families = {name: CATALOGUE[name].family for name in ("mullins_softening", "friction_wear")}
+    fit = fit_evidence(problem)
+    trials = Trials.of(fit, weigh_candidates(fit, list(families)), families)
+    best, other = (
+        one.look_after_best(families).tried[0] for one in (trials, trials.without(families["mullins_softening"]))
+    )
+    assert (best.effect, other.effect) == ("mullins_softening", "friction_wear")
+    assert other.left_patterns_nats > 0.3 * other.nats > max(best.left_patterns_nats, other.left_effects_nats)
+
+
+def test_each_pattern_that_is_left_is_held_against_its_own_threshold(problem: Problem) -> None:
+    """Less of a pattern by which no two solvers differ says as much against a name as more of another."""
+    fit = fit_evidence(problem)
+    sure = Candidate("a force over the lift", "common", 1.2 * LEAST.sure_nats, is_sure=True)
+    larger = Candidate("a force, another on each object", "by object", 0.9 * LEAST.nats)
+    quantity = Candidate("as if the force came later", "quantity", 9.0 * LEAST.nats)
+    left = Trial("load_cell_lag", "delay", 100.0, 90.0, fit, (quantity, larger, sure))
+    assert left.left_over_least == pytest.approx(1.2)
+    assert left.left_patterns_nats == larger.nats
+    assert replace(left, left=(quantity,)).left_over_least == 0.0
 
 
 def test_facts_speak_for_and_against_an_effect_and_draw_its_amplitude(worlds: Worlds) -> None:

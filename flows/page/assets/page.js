@@ -2,7 +2,8 @@
 // The page's own script: token, sentences, news, the live force, dropped files, tables. State is on the server.
 (() => {
   const meta = (name) => document.querySelector(`meta[name="${name}"]`)?.content ?? "";
-  const token = meta("fast-token"), campaign = meta("fast-campaign");
+  const token = meta("fast-token");
+  let campaign = meta("fast-campaign");
   const $ = (selector, root = document) => root.querySelector(selector);
 
   // A number as reports write it: no minus before a zero, and the sign that is as wide as the plus.
@@ -84,6 +85,12 @@
       if (badge && badge.textContent !== String(n)) { badge.textContent = n; badge.classList.toggle("none", n === 0); if ($("#todos")) tell("changed"); }
     } catch { /* the next news tells */ }
   }
+  document.addEventListener("htmx:afterSettle", () => {  // the first campaign of a lake that had none when the page was opened
+    if (campaign || !$("#strip").dataset.campaign) return;
+    if (!$("#config")) { location.reload(); return; }  // a config that is being written stays
+    campaign = $("#strip").dataset.campaign;
+    listen(); count();
+  });
   setInterval(() => {
     if (source && Date.now() - heardAt > longestSilenceMs) { $("#lost").hidden = false; source.close(); listen(); }
   }, 2000);

@@ -50,6 +50,20 @@ def test_a_batch_is_confirmed_on_a_phone(tmp_path):
     assert {row["status"] for slot, row in rows.items() if slot} == {"printed"}
 
 
+def test_the_first_campaign_of_a_lake_shows_on_pages_that_were_open_before(tmp_path):
+    with serve(Lake.open(tmp_path / "lake", create=True)) as address, open_browser(address) as page:
+        now = page.context.new_page()
+        now.goto(address.partition("?")[0])
+        page.click("nav a:has-text('Start')")
+        page.fill("#config", "# being written")
+        assert "nothing yet" in page.inner_text("#strip")
+        proposed_lake(tmp_path, str(tmp_path / "lake"))
+        page.wait_for_selector("#word")
+        page.wait_for_selector("#n-todos:has-text('1')")
+        assert page.input_value("#config") == "# being written"
+        now.wait_for_selector("#map")
+
+
 def test_no_tab_is_wider_than_a_small_phone(tmp_path):
     lake = Lake.open(proposed_lake(tmp_path))
     (lake.root / "outputs" / "configs").mkdir(parents=True)

@@ -95,8 +95,12 @@ class LaumasTransmitter:
             if answered_s - asked_s <= LATE_S:
                 break
         reading = decode_measured(registers, scale, (asked_s + answered_s) / 2)
-        if decode_scale(registers[-1]) != scale:
-            raise DeviceError(f"The scale of {self._link.name} was changed on its keypad; connect again.")
+        found = decode_scale(registers[-1])
+        if found != scale:
+            raise DeviceError(
+                f"The scale of {self._link.name} was changed on its keypad from {scale.division:g} {scale.unit} to "
+                f"{found.division:g} {found.unit}. Set it back, or connect again if a known weight is shown right."
+            )
         return reading
 
     def read_new(self) -> list[Reading]:

@@ -131,19 +131,24 @@ class ForceSensor:
         return forces
 
     def check_load(self) -> None:
-        """Look once at what the head carries on its way; any other fault is found before the next grasp.
+        """Look once at what the head carries on its way.
 
         Raises:
             OverloadError: the gross is at the cell's full scale.
+            SensorFaultError: an overload would not show: a fault bit or alarm is on, or readings stand still.
             DeviceError: the transmitter does not answer.
         """
-        for reading in self._transmitter.read_new():
-            gross_n = reading.gross * self._transmitter.newton_per_unit
-            if self._is_overload(reading):
-                raise OverloadError(
-                    f"The head is stopped on its way: the load cell carries {gross_n:.0f} N, its full scale is "
-                    f"{self.full_scale_n:.0f} N. Look what it has met or what hangs on it, then free it by hand."
-                )
+        newton, readings = self._transmitter.newton_per_unit, self._transmitter.read_new()
+        overload = next(filter(self._is_overload, readings), None)
+        if overload is not None:  # before any fault of the readings around it
+            raise OverloadError(
+                f"The head is stopped on its way: the load cell carries {self._carried(overload)}. Look what it has "
+                "met or what hangs on it, then free it by hand."
+            )
+        for reading in readings:
+            if reading.fault:
+                raise SensorFaultError(f"The load cell reports a fault: {reading.fault}.")
+            self._check_stale(ForceReading(reading.time_s, reading.gross * newton, reading.net * newton))
 
     def tare(self) -> None:
         """Tare as well as the line allows, from one reading or a quarter of a second; the gripper must hang free.
@@ -210,6 +215,12 @@ class ForceSensor:
             return reading.is_overload
         return abs(reading.gross * self._transmitter.newton_per_unit) >= self.full_scale_n
 
+    def _carried(self, reading: Reading) -> str:
+        """Say what an overload is: the gross may be below the full scale where the instrument's own limit is."""
+        gross = f"{reading.gross * self._transmitter.newton_per_unit:.0f} N"
+        carried = "more than can be shown" if reading.alarm else gross
+        return f"{carried}, its full scale is {self.full_scale_n:.0f} N{f' ({reading.fault})' if reading.fault else ''}"
+
     def _force(self, reading: Reading) -> ForceReading:
         newton = self._transmitter.newton_per_unit
         fault, is_overload = reading.fault, self._is_overload(reading)
@@ -228,11 +239,9 @@ class ForceSensor:
         if not reading.alarm:
             self._watch.add(gross_n, net_n)
         if is_overload:
-            carried = "more than can be shown" if reading.alarm else f"{gross_n:.0f} N"
             raise OverloadError(
-                f"The load cell is overloaded: it carries {carried}, its full scale is {self.full_scale_n:.0f} N"
-                f"{f' ({fault})' if fault else ''}. The head goes no higher; look what pulls at "
-                "it, then lower it by hand control."
+                f"The load cell is overloaded: it carries {self._carried(reading)}. The head goes no higher; look what "
+                "pulls at it, then lower it by hand control."
             )
         self._warn_of_high(gross_n)
         force = ForceReading(reading.time_s, gross_n, net_n - self._offset_n)
@@ -271,7 +280,7 @@ class ForceSensor:
         if is_long and self._n_same >= FEWEST_SAME:
             raise SensorFaultError(
                 f"The weight transmitter repeats {force.net_n:.2f} N for {self._stale_after_s:g} s: it is frozen, or "
-                "its division is coarser than the noise. The grasp is abandoned; restart it, or set a finer division."
+                "its division is coarser than the noise. Restart it, or set a finer division."
             )
 
 

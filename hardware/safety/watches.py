@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable
 
 from fast.hardware.clock import Clock
-from fast.hardware.parts.force_sensor import Baseline, ForceSensor, OverloadError
+from fast.hardware.parts.force_sensor import Baseline, ForceSensor, OverloadError, SensorFaultError
 from fast.hardware.parts.gantry import Gantry
 from fast.hardware.parts.pneumatics import Pneumatics
 from fast.models.errors import DeviceError, InterlockError
@@ -112,12 +112,14 @@ class TravelWatch:
         self._is_free = is_free
         self._next_s = -math.inf
         self._is_looking = False
+        self._is_told = False
 
     def look(self) -> None:
         """Look, if it is time; called around every wait, those of this look among them.
 
-        A transmitter that does not answer is left alone for a while: each of its time-outs holds up the watch on the
-        move itself, and the next grasp finds the fault.
+        A cell that would not show an overload is told of, and stops nothing: a way ends higher and clearer than a stop
+        on it, and the next grasp finds the fault before the head goes down. A transmitter that does not answer is left
+        alone for a while: each of its time-outs holds up the watch on the move itself.
 
         Raises:
             OverloadError: the head carries the full scale of the load cell.
@@ -128,11 +130,15 @@ class TravelWatch:
         self._is_looking, self._next_s = True, now_s + TRAVEL_LOOK_S
         try:
             self._force.check_load()
+            self._is_told = False
         except OverloadError:
             raise
         except DeviceError as error:
-            logger.warning("The load cell is not watched on this way: %s", error)
-            self._next_s = now_s + SILENT_LOOK_S
+            if not (self._is_told and isinstance(error, SensorFaultError)):
+                logger.warning("The load cell is not watched on this way: %s", error)
+            self._is_told = True
+            if not isinstance(error, SensorFaultError):
+                self._next_s = now_s + SILENT_LOOK_S
         finally:
             self._is_looking = False
 

@@ -13,6 +13,7 @@ from fast.hardware.laumas.codec import (
     Reading,
     Scale,
     Status,
+    encode_scale,
 )
 from fast.hardware.laumas.driver import LaumasTransmitter
 from fast.hardware.parts.force_sensor import FULL_SCALE_KG, ForceSensor, OverloadError, SensorFaultError
@@ -238,6 +239,45 @@ def test_a_frozen_and_an_unplugged_instrument_are_faults(make):
     rig.world.inject("cell_unplugged")
     with pytest.raises(SensorFaultError, match="load cell error .cable or cell."):
         rig.gross_n(1, 1 / 80)
+
+
+def test_a_unit_changed_on_the_keypad_is_told_with_both_scales(make):
+    rig = make()
+    read = rig.link.read_registers
+    rig.link.read_registers = lambda *what: [*read(*what)[:-1], encode_scale(Scale(1, "g"))]
+    with pytest.raises(DeviceError, match=r"on its keypad from 0\.001 kg to 1 g\. Set it back"):
+        rig.sensor.read()
+
+
+def test_on_the_way_a_cell_that_would_not_show_an_overload_is_a_fault(make):
+    rig = make(noise_sd_n=0.1, stale_after_s=0.5)
+
+    def look(n_looks):
+        for _ in range(n_looks):
+            rig.clock.sleep(0.25)
+            rig.sensor.check_load()
+
+    look(20)
+    rig.world.inject("transmitter_frozen")
+    with pytest.raises(SensorFaultError, match=r"^The weight transmitter repeats .* it is frozen"):
+        look(8)
+    rig.world.clear("transmitter_frozen")
+    look(1)
+    rig.world.inject("cell_unplugged")
+    with pytest.raises(SensorFaultError, match="load cell error .cable or cell."):
+        look(1)
+
+
+def test_on_the_way_an_overload_that_only_the_instrument_sees_is_told_by_its_own_words(make):
+    """Its own limit may be lower than the full scale: "carries 4 N, its full scale is 196 N" says nothing."""
+    rig = make()
+    torn = Reading(0.0, Status.LOAD_CELL_ERROR, 0.0, 0.0, None, Scale(0.001, "kg"))
+    rig.transmitter.read_new = lambda: [torn, torn._replace(status=Status.MAXIMUM_PASSED, gross=0.4)]
+    with pytest.raises(OverloadError, match=r"on its way: .* carries 4 N, .* 196 N .maximum weight passed.\. Look"):
+        rig.sensor.check_load()
+    rig.transmitter.read_new = lambda: [torn._replace(status=Status(0), alarm="O-L")]
+    with pytest.raises(OverloadError, match=r"carries more than can be shown, .* .the display shows `O-L`.\. Look"):
+        rig.sensor.check_load()
 
 
 def test_overload_is_warned_of_then_raised_by_force_and_by_status(make, caplog):

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from fast.hardware.clock import VirtualClock
-from fast.hardware.parts.force_sensor import OverloadError
+from fast.hardware.parts.force_sensor import OverloadError, SensorFaultError
 from fast.hardware.safety.watches import SILENT_LOOK_S, TRAVEL_LOOK_S, TravelWatch
 from fast.models.errors import DeviceError
 
@@ -59,3 +59,15 @@ def test_a_transmitter_that_does_not_answer_holds_up_no_move_twice(travel, caplo
     wait(travel, 0.9 * SILENT_LOOK_S)
     assert travel.cell.n_looks == 1
     assert "not watched on this way: no answer" in caplog.text
+
+
+def test_a_blind_cell_is_told_once_each_time_and_looked_at_further(travel, caplog) -> None:
+    travel.cell.fault = SensorFaultError("it is frozen")
+    wait(travel, 10 * TRAVEL_LOOK_S)
+    assert travel.cell.n_looks == pytest.approx(10, abs=1), "it may thaw before the end of the way"
+    assert caplog.text.count("not watched on this way: it is frozen") == 1
+    travel.cell.fault = None
+    wait(travel, 1)
+    travel.cell.fault = SensorFaultError("it is frozen")
+    wait(travel, 1)
+    assert caplog.text.count("it is frozen") == 2

@@ -189,10 +189,14 @@ def _rest(whole_s: float, done_s: float) -> float:
 
 @dataclass(frozen=True)
 class Forecast:
-    """`batch`: what a person will print next, None when nothing is left to print; `in_s`: 0 now, None not known yet."""
+    """`batch`: what a person will print next, None when nothing is left to print; `in_s`: 0 now, None not known yet.
+
+    `is_proposed`: whether its tools are chosen.
+    """
 
     batch: int | None
     in_s: float | None
+    is_proposed: bool = True
 
     def in_words(self, now: datetime) -> str:
         """Write a sentence for people; `now` in their own time."""
@@ -200,6 +204,8 @@ class Forecast:
             return "No person is needed any more."
         if self.in_s is None:
             return f"A person is needed for B{self.batch:02d}; when is not known yet."
+        if self.in_s == 0 and not self.is_proposed:
+            return f"FAST is choosing the tools of B{self.batch:02d}; then a person is needed."
         if self.in_s == 0:
             return f"A person is needed now: print and mount B{self.batch:02d}."
         at = (now + timedelta(seconds=self.in_s)).astimezone()  # the clocks may change
@@ -225,7 +231,7 @@ def forecast(
     in_s = None if None in known else max(s for s in known if s is not None)
     is_night = campaign.config.gap.active or campaign.config.night.active
     # When a night ends depends on what it finds.
-    return Forecast(schedule.batches_of(stage + 1)[0], None if is_night else in_s)
+    return Forecast(schedule.batches_of(stage + 1)[0], None if is_night else in_s, is_proposed=False)
 
 
 def _time(n_left: int, s_each: float | None) -> float | None:

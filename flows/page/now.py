@@ -137,8 +137,6 @@ class Now:
     """Whether nothing of it is owed."""
     need: str
     """When a person is needed, and for what."""
-    needs_now: bool
-    """Whether that is a batch to print now."""
     left: str
     """How long the rest takes at the pace of the last grasps, prints left aside, in words."""
     s_per_grasp: float | None
@@ -201,7 +199,6 @@ class NowReader:
             load=load,
             is_complete=load.fraction >= 1.0,
             need=_say_need(seen, now),
-            needs_now=seen.in_s == 0 and seen.batch is not None,
             left=_say_left(campaign, left, s_per_grasp, s_per_simulation),
             s_per_grasp=s_per_grasp,
             ticks=_place_ticks(campaign, load),

@@ -41,7 +41,7 @@ def test_a_campaign_needs_a_person_now_then_when_bench_and_simulations_are_done(
     assert look(campaign) == Forecast(1, 0.0)
     confirm_print(campaign.lake, "small", 1, PrintConfirmation(operator="ada"))
     # Two tools on two objects twice, 8 grasps; two designs and two tools on two objects, 8 simulations.
-    assert look(campaign) == Forecast(2, pytest.approx(800.0))
+    assert look(campaign) == Forecast(2, pytest.approx(800.0), is_proposed=False)
     assert look(campaign, s_per_grasp=None).in_s is None
     state = campaign.state()
     for design in [*(p.design for p in state.simulations), *(t.design for t in state.tools)]:
@@ -50,14 +50,14 @@ def test_a_campaign_needs_a_person_now_then_when_bench_and_simulations_are_done(
     append_grasp(campaign, state.tools_of(1)[0], 4, 0, 5.0)
     n_proposed = len(state.simulations_of(1))
     left_s = (2 - n_proposed) * 2 * 100.0
-    assert look(campaign) == Forecast(2, pytest.approx(max(7 * 15.0, left_s)))
+    assert look(campaign) == Forecast(2, pytest.approx(max(7 * 15.0, left_s)), is_proposed=False)
 
 
 def test_when_a_night_ends_is_not_known(campaign):
     propose_initial(campaign)
     confirm_print(campaign.lake, "small", 1, PrintConfirmation(operator="ada"))
     config = campaign.config.model_copy(update={"night": NightSettings(active=True)})
-    assert look(Campaign(campaign.lake, config)) == Forecast(2, None)
+    assert look(Campaign(campaign.lake, config)) == Forecast(2, None, is_proposed=False)
 
 
 @pytest.mark.parametrize(
@@ -66,6 +66,7 @@ def test_when_a_night_ends_is_not_known(campaign):
         (Forecast(2, 9600.0), "Next time a person is needed: 06:40 UTC, for B02."),
         (Forecast(2, 30 * 3600.0), "Next time a person is needed: 10:00 UTC on Sunday, 22 November, for B02."),
         (Forecast(2, 0.0), "A person is needed now: print and mount B02."),
+        (Forecast(2, 0.0, is_proposed=False), "FAST is choosing the tools of B02; then a person is needed."),
         (Forecast(2, None), "A person is needed for B02; when is not known yet."),
         (Forecast(None, None), "No person is needed any more."),
     ],

@@ -435,7 +435,7 @@ def test_a_campaign_that_is_complete_leads_to_its_results():
     load = SimpleNamespace(grasps_done=8, grasps_total=8, simulated_done=4, simulated_total=4)
     shown = {"version": "V1", "effects": "", "misses": "", "best": None, "tiles": (), "as_of": None, "ticks": ()}
     pace = {"batches_done": 1, "batches_total": 1, "left": "all is done", "s_per_grasp": 12.34}
-    now = SimpleNamespace(load=load, is_complete=True, needs_now=False, need="", **shown, **pace)
+    now = SimpleNamespace(load=load, is_complete=True, need="", **shown, **pace)
     around = {"todos": [], "strip": None, "campaign": "quick", "quote": quote, "clock": write_clock}
     text = render("flows/page/now_part.html.j2", now=now, **around)
     assert 'All is measured: <a href="/results?campaign=quick">look at the results</a>' in text

@@ -82,7 +82,7 @@
       const answer = await fetch("/api/v1/todo");
       if (!answer.ok) return;
       const n = (await answer.json()).length, badge = $("#n-todos");
-      if (badge && badge.textContent !== String(n)) { badge.textContent = n; badge.classList.toggle("none", n === 0); if ($("#todos")) tell("changed"); }
+      if (badge && badge.textContent !== String(n)) { badge.textContent = n; badge.classList.toggle("none", n === 0); tell("changed"); }
     } catch { /* the next news tells */ }
   }
   document.addEventListener("htmx:afterSettle", () => {  // the first campaign of a lake that had none when the page was opened

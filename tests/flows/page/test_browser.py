@@ -10,9 +10,13 @@ from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, ToolRow
 from fast.tasks.bench.live import live_path, show_live
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import load_config
 from fast.tasks.campaign.present_run import read_present_run
 from fast.tasks.campaign.requests import STARTED, append_event, lease_name
-from tests.flows.cli.cli_lakes import ROOT, Fast, proposed_lake
+from fast.tasks.campaign.setup import register
+from fast.tasks.scientist.propose import propose_initial
+from tests.flows.cli.cli_lakes import QUICK, ROOT, Fast, proposed_lake, write_config
 from tests.flows.page.served import CHROMIUM, open_browser, say_name, serve
 from tests.flows.page.test_live import Measuring
 
@@ -51,17 +55,23 @@ def test_a_batch_is_confirmed_on_a_phone(tmp_path):
 
 
 def test_the_first_campaign_of_a_lake_shows_on_pages_that_were_open_before(tmp_path):
-    with serve(Lake.open(tmp_path / "lake", create=True)) as address, open_browser(address) as page:
+    lake = Lake.open(tmp_path / "lake", create=True)
+    with serve(lake) as address, open_browser(address) as page:
         now = page.context.new_page()
         now.goto(address.partition("?")[0])
         page.click("nav a:has-text('Start')")
         page.fill("#config", "# being written")
         assert "nothing yet" in page.inner_text("#strip")
-        proposed_lake(tmp_path, str(tmp_path / "lake"))
-        page.wait_for_selector("#word")
-        page.wait_for_selector("#n-todos:has-text('1')")
+        with exclusive(lake.storage, lease_name("quick"), "busy"):
+            campaign = Campaign(lake, load_config(write_config(tmp_path)))
+            register(campaign, QUICK)
+            page.wait_for_selector("#word:has-text('running')")
+            now.wait_for_selector("#map")
+            propose_initial(campaign)
+            for one in (page, now):
+                one.wait_for_selector("#word:has-text('waiting')")
+                one.wait_for_selector("#n-todos:has-text('1')")
         assert page.input_value("#config") == "# being written"
-        now.wait_for_selector("#map")
 
 
 def test_no_tab_is_wider_than_a_small_phone(tmp_path):

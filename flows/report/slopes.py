@@ -43,7 +43,8 @@ def draw_peak_changes(result: GraspSimulation, title: str) -> Figure:
         )
     axes.set_yticks(places, [describe_change(name, slope) for name, slope, _ in rows])
     axes.axvline(0.0, color=MUTED, linewidth=0.8)
-    axes.margins(x=0.2)
-    axes.set_xlabel(f"change of the peak of {result.peak_force_n:.2f} N (N)\nhollow: finite difference")
+    axes.margins(x=0.3)  # room for the numbers beside the bars
+    hollow = "\nhollow: from two simulations beside it" if any(slope.step for _, slope, _ in rows) else ""
+    axes.set_xlabel(f"change of the peak of {result.peak_force_n:.2f} N (N){hollow}")
     figure.suptitle(title, x=0.01, ha="left", fontsize=9)
     return figure

@@ -193,7 +193,7 @@ def _walls(facts: HealthFacts) -> Card | None:
         "prints",
         facts.off_mm,
         OFF_MM,
-        f"Walls of {facts.n_walls_measured} measured prints are {facts.off_mm:.2f} mm off their drawing in the median.",
+        f"Walls are {facts.off_mm:.2f} mm off their drawing in the median (prints measured: {facts.n_walls_measured}).",
         "Calibrate the printer's flow; measured walls are what the surrogate learns from, so go on measuring them.",
     )
 

@@ -27,6 +27,12 @@ def test_all_is_green_and_nothing_is_to_do() -> None:
         ("objects", {"object_share": 0.4}, "yellow", "Cube (30) has a part in 40 %"),
         ("objects", {"object_share": 0.4, "n_objects": 4}, "green", "one of 4 objects"),
         ("prints", {"off_mm": 0.15}, "yellow", "0.15 mm off their drawing"),
+        (
+            "prints",
+            {"off_mm": 0.25, "n_walls_measured": 1},
+            "red",
+            "0.25 mm off their drawing in the median (prints measured: 1)",
+        ),
         ("failed grasps", {"n_failed": 100}, "yellow", "100 of 2000 grasps failed"),
         ("failed grasps", {"n_failed": 300}, "red", "300 of 2000 grasps failed"),
     ],

@@ -32,8 +32,10 @@ def check_gantry(findings: Findings, transport: Transport, clock: Clock, profile
             fix = "check its power, the port and its version; if an alarm has made it deaf, press its reset button"
             findings.add("gantry", f"nothing on {transport.name} answers as GRBL 1.1{said}", fix)
         elif report.state not in ("Idle", "Alarm"):
-            findings.add("gantry", f"it is in state {report.state} and was not touched", "wait until it is at rest, or "
-                         "press the emergency stop")  # fmt: skip
+            fix = "wait until it is at rest, or press the emergency stop"
+            if not report.is_moving:
+                fix = "it stays so by itself: end the program that has left it so, then press its reset button"
+            findings.add("gantry", f"it is in state {report.state} and was not touched", fix)
         else:
             session.reset(_DOING)
             _check_controller(findings, session, report)

@@ -36,9 +36,12 @@ _EXCEPTION_WORDS = {
     2: "illegal address",
     3: "illegal value",
     4: "device failure",
+    5: "still working on it",
     6: "device busy",
+    10: "no way through the gateway",
     11: "no answer behind the gateway",
 }
+_OF_THE_MAP = (1, 2, 3)  # it does not know what it was asked
 _PASSING = (6, 11)  # the same request may be answered a moment later
 _PASSES_S = 0.1
 
@@ -172,10 +175,10 @@ class ModbusLink:
                     f"{self.name} answered Modbus exception {code} ({words}) and the connection was reset. Check what "
                     "else asks it, and the line behind a gateway."
                 )
-            raise DeviceError(
-                f"{self.name} refused a request with Modbus exception {code} ({words}); "
-                "check that its model and register map are those of docs/how-to/set-up-a-bench.md."
-            )
+            fix = "look at it and at the gateway before it, and restart them"
+            if code in _OF_THE_MAP:
+                fix = "check that its model and register map are those of docs/how-to/set-up-a-bench.md"
+            raise DeviceError(f"{self.name} refused a request with Modbus exception {code} ({words}); {fix}.")
         return reply
 
     def _connected_client(self) -> Client:

@@ -213,10 +213,20 @@ def test_a_moving_gantry_is_not_touched():
         clock.sleep(0.1)
         settings = BenchSettings(serial_port=virtual.endpoints.serial_port, plc_host="127.0.0.1", plc_port=1)
         findings = {finding.name: finding for finding in check_bench(settings, clock)}
-        assert "state Jog and was not touched" in findings["gantry"].note
+        assert "state Jog and was not touched; wait until it is at rest" in findings["gantry"].note
         clock.sleep(20.0)
         assert virtual.grbl.state == "Idle"
         assert virtual.grbl.position_mm()[0] == pytest.approx(600.0)
+
+
+def test_nobody_is_told_to_wait_for_a_controller_that_sleeps():
+    def sleep(virtual):
+        virtual.grbl._machine.receive(b"$SLP\n", virtual._clock.now_s())
+
+    note = look(sleep)["gantry"].note
+    assert "state Sleep and was not touched" in note
+    assert "wait" not in note
+    assert "press its reset button" in note
 
 
 def test_devices_that_are_not_there_are_all_named(tmp_path):

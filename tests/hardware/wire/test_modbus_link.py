@@ -82,6 +82,25 @@ def test_exceptions_become_sentences_and_are_not_repeated(link):
     assert link.n_reconnects == 0
 
 
+@pytest.mark.parametrize(
+    ("code", "says"),
+    [
+        (1, "register map"),
+        (3, "register map"),
+        (4, "device failure.*restart"),
+        (10, "no way through the gateway.*gateway"),
+    ],
+)
+def test_only_what_a_device_does_not_know_sends_people_to_its_register_map(link, memory, monkeypatch, code, says):
+    def refuse(space, address, count):
+        raise modbus_pdu._RefusedError(code)
+
+    monkeypatch.setattr(memory, "read_registers", refuse)
+    with pytest.raises(DeviceError, match=f"exception {code} .*{says}") as raised:
+        link.read_registers(3, 0, 1)
+    assert ("register map" in str(raised.value)) == (says == "register map")
+
+
 @pytest.mark.parametrize("code", [6, 11])
 def test_a_busy_device_is_asked_again(link, memory, monkeypatch, code):
     memory.words = {0: 7}

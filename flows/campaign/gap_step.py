@@ -12,9 +12,7 @@ from prefect import task
 from prefect.cache_policies import NO_CACHE
 from prefect.futures import PrefectFuture
 
-from fast.flows.campaign.forms import open_form
 from fast.flows.campaign.loops import CampaignRun, await_asked
-from fast.flows.campaign.operator_prompts import make_reading_form
 from fast.flows.gap.bench_plan import describe_command
 from fast.flows.gap.scheduled import search_and_announce
 from fast.flows.gap.search import MOST_ASKED, GapOutcome, GapRequest, UnfinishedError
@@ -131,10 +129,8 @@ def _ask_person(run: CampaignRun, search_id: str, asked: NextExperiment, person:
     )
     if is_answered(campaign.lake, search_id, person.kind) or len(known):
         return
-    form = open_form(campaign.lake, make_reading_form(campaign.lake, campaign.campaign_id, search_id, person))
-    where = f" or fill in {form}" if form else ""
     command = describe_command(asked, campaign.campaign_id, campaign.lake.address)
-    run.reporter.announce(f"{person.sentence} Then {command}{where}.")
+    run.reporter.announce(f"{person.sentence} Then {command}.")
     append_event(campaign.lake, campaign.campaign_id, PERSON_ASKED, person.sentence, search_id=search_id)
 
 

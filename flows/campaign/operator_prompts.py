@@ -5,20 +5,14 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from fast.flows.campaign.forms import Form, close_forms, open_form
+from fast.flows.campaign.forms import close_forms, open_form
 from fast.flows.campaign.notify import Notifier
 from fast.flows.progress import ProgressReporter, describe_duration
 from fast.lake.handoff.plan_folder import RESULTS
-from fast.lake.store import Lake
 from fast.lake.tables.campaign import BatchRow
-from fast.models.gap.findings import PersonQuestion
-from fast.tasks.bench.asked import read_mounting
-from fast.tasks.bench.print import open_slots
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.requests import append_event
-from fast.tasks.gap.readings import is_answered
 
 FORM_S = 15.0  # between looks whether a form is open: one is due again after an answer that leaves tools to print
 NO_FORM_S = 60.0  # the same where there was none: `fast serve` may come later than the campaign
@@ -26,13 +20,16 @@ NO_FORM_S = 60.0  # the same where there was none: `fast serve` may come later t
 
 @dataclass(frozen=True)
 class HumanStep:
-    """What a person has to do now. name: what it is about; what: an order ("print and mount ..."); event: its kind."""
+    """What a person has to do now. name: what it is about; what: an order ("print and mount ..."); event: its kind.
+
+    batch: whose form Prefect's pages have, if it is about a printed batch.
+    """
 
     name: str
     what: str
     command: str
-    form: Form
     event: str
+    batch: int | None = None
 
 
 class Prompt:
@@ -50,7 +47,7 @@ class Prompt:
         """Ask for what has to be done now."""
         step = self._step
         self._asked_s = self._reminded_s = self._looked_s = time.monotonic()
-        self._form = open_form(self._campaign.lake, step.form)
+        self._form = self._open_form()
         self._reporter.announce(
             f"A person is needed: {step.what}, then\n"
             f"    {step.command}\n{self._form_line()}Simulations go on meanwhile."
@@ -63,7 +60,7 @@ class Prompt:
         step, now_s = self._step, time.monotonic()
         if now_s - self._looked_s > (FORM_S if self._form else NO_FORM_S):
             self._looked_s = now_s
-            form = open_form(self._campaign.lake, step.form)
+            form = self._open_form()
             if form is not None and form != self._form:
                 self._form = form
                 self._reporter.announce(f"{step.name} can be confirmed in the pages: {form}")
@@ -76,8 +73,13 @@ class Prompt:
 
     def close(self) -> None:
         """Close the prompt, since it is done; a form that is still open is not needed."""
-        close_forms(self._campaign.lake, self._step.form, "confirmed elsewhere")
+        if self._step.batch is not None:
+            close_forms(self._campaign.lake, self._campaign.campaign_id, self._step.batch, "confirmed elsewhere")
         self._form = None
+
+    def _open_form(self) -> str | None:
+        batch = self._step.batch
+        return None if batch is None else open_form(self._campaign.lake, self._campaign.campaign_id, batch)
 
     def _form_line(self) -> str:
         return f"or fill in the form at {self._form}\n" if self._form else ""
@@ -102,12 +104,12 @@ class Prompts:
             name=f"batch {name}",
             what=f"print and mount batch {name} ({sheet})",
             command=f"fast print confirm {name} --operator NAME --lake {shlex.quote(lake.address)}",
-            form=make_print_form(lake, self.campaign.campaign_id, batch),
             event="print_waiting",
+            batch=batch,
         )
         return Prompt(self.campaign, self.reporter, self.notifier, step)
 
-    def to_mount(self, search_id: str, slots: Mapping[str, int]) -> Prompt:
+    def to_mount(self, slots: Mapping[str, int]) -> Prompt:
         """Return the prompt to mount kept tools again; `slots`: of the rack, by tool."""
         lake, name = self.campaign.lake, self.campaign.campaign_id
         where = ", ".join(f"{tool_id.rpartition('/')[2]} in slot {slot}" for tool_id, slot in slots.items())
@@ -115,7 +117,6 @@ class Prompts:
             name=f"kept tools of {name}",
             what=f"mount these kept tools again, nothing is printed: {where}",
             command=f"fast print mounted {name} --operator NAME --lake {shlex.quote(lake.address)}",
-            form=make_mount_form(lake, name, search_id),
             event="mount_waiting",
         )
         return Prompt(self.campaign, self.reporter, self.notifier, step)
@@ -128,46 +129,6 @@ class Prompts:
             name=name,
             what=f"{name}: {what} of {folder / RESULTS}, write the peaks into it",
             command=shlex.join(["fast", "tell", str(config), str(folder / RESULTS), "--lake", lake.address]),
-            form=make_told_form(self.campaign, name),
             event="told_waiting",
         )
         return Prompt(self.campaign, self.reporter, self.notifier, step)
-
-
-def make_told_form(campaign: Campaign, name: str) -> Form:
-    """Make the form into which results of a bench of one's own are pasted."""
-
-    def find_open() -> dict[str, Any] | None:
-        return {"campaign": campaign.campaign_id, "what": name}
-
-    return Form("told/told", f"{name}: measured?", f"told {name}", find_open)
-
-
-def make_print_form(lake: Lake, campaign_id: str, batch: int) -> Form:
-    """Make the form of the open slots of a batch."""
-    name = BatchRow.make_id(campaign_id, batch)
-
-    def find_open() -> dict[str, Any] | None:
-        slots = open_slots(lake, campaign_id, batch)
-        return {"campaign": campaign_id, "batch": batch, "slots": slots} if slots else None
-
-    return Form("print/print", f"{name}: printed and mounted?", name, find_open)
-
-
-def make_mount_form(lake: Lake, campaign_id: str, search_id: str) -> Form:
-    """Make the form of kept tools that a search asks grasps of."""
-
-    def find_open() -> dict[str, Any] | None:
-        return None if read_mounting(lake, search_id) else {"campaign": campaign_id, "search": search_id}
-
-    return Form("mount/mount", f"{campaign_id}: kept tools mounted?", f"mount {search_id}", find_open)
-
-
-def make_reading_form(lake: Lake, campaign_id: str, search_id: str, person: PersonQuestion) -> Form:
-    """Make the form of what a person is asked to measure."""
-
-    def find_open() -> dict[str, Any] | None:
-        parameters = {"campaign": campaign_id, "search": search_id, "kind": person.kind}
-        return None if is_answered(lake, search_id, person.kind) else parameters
-
-    return Form("reading/reading", f"please measure: {person.label}", f"reading {search_id}", find_open)

@@ -272,8 +272,6 @@ def answer(
     json: AsJson = False,
 ) -> None:
     """Keep what a person measured, asked for by a search or not; the next search takes it."""
-    from fast.flows.campaign.forms import close_forms
-    from fast.flows.campaign.operator_prompts import make_reading_form
     from fast.models.gap.ask.answers import Reading
     from fast.models.validation import load_record
     from fast.tasks.gap.findings import find_newest_run
@@ -296,9 +294,6 @@ def answer(
         return
     reading = load_record(Reading, {"kind": kind, "value": value}, "the answer")
     write_reading(found, campaign_id, search_id, reading, operator, is_sure=sure)
-    if asked is not None and is_asked:
-        form = make_reading_form(found, campaign_id or "", search_id, asked)
-        close_forms(found, form, f"said by {operator} on the command line")
     unasked = "" if is_asked else " No search asked for it."
     show(data, f"{kind} {value:g} is kept; `fast gap` goes on with it.{unasked}", json)
 

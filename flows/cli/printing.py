@@ -77,7 +77,6 @@ def confirm(
 ) -> None:
     """Say that a batch is printed and mounted; the campaign goes on."""
     from fast.flows.campaign.forms import close_forms
-    from fast.flows.campaign.operator_prompts import make_print_form
     from fast.models.validation import load_record
     from fast.tasks.bench.print import PrintConfirmation, confirm_print
     from fast.tasks.bench.reference_tools import note_gone
@@ -100,7 +99,7 @@ def confirm(
     if gone:
         note_gone(found, campaign_id, number, gone, operator)
     done = confirm_print(found, campaign_id, number, word)
-    close_forms(found, make_print_form(found, campaign_id, number), f"said by {operator} on the command line")
+    close_forms(found, campaign_id, number, f"said by {operator} on the command line")
     name = f"{campaign_id}/B{number:02d}"
     data = {"batch": name, "n_mounted": done.n_mounted, "n_rejected": done.n_rejected, "operator": operator}
     data |= {"again": list(done.again), "sheet": str(done.sheet) if done.sheet else None}
@@ -163,8 +162,6 @@ def mounted(
     json: AsJson = False,
 ) -> None:
     """Say that kept tools are mounted again for the grasps that a gap search asks for; nothing is printed."""
-    from fast.flows.campaign.forms import close_forms
-    from fast.flows.campaign.operator_prompts import make_mount_form
     from fast.flows.campaign.status import read_campaign
     from fast.models.validation import load_record
     from fast.tasks.bench.asked import Mounting, confirm_mounting
@@ -183,7 +180,6 @@ def mounted(
     kept = {tool_id: slot for tool_id, slot in slots.items() if tool_id not in lost}
     said = {"search_id": run.gap_id, "slots": kept, "gone": tuple(sorted(lost)), "operator": operator.strip()}
     confirm_mounting(found, campaign_id, load_record(Mounting, said, "kept tools"))
-    close_forms(found, make_mount_form(found, campaign_id, run.gap_id), f"said by {operator} on the command line")
     data = {"search": run.gap_id, "mounted": kept, "gone": sorted(lost)}
     next_step = "the campaign makes their grasps" if kept else "the campaign goes on without these grasps"
     show(data, f"{spell_count(len(kept), 'kept tool')} mounted, {len(lost)} gone; {next_step}.", json)

@@ -10,7 +10,6 @@ from typing import Any
 
 from fast.flows.campaign.ask_tell import describe_pull, guess_for, tell_campaign
 from fast.flows.campaign.forms import close_forms
-from fast.flows.campaign.operator_prompts import make_mount_form, make_print_form, make_reading_form
 from fast.flows.campaign.status import read_campaign
 from fast.lake.store import Lake
 from fast.models.errors import FastError, UsageError
@@ -65,7 +64,7 @@ def answer_print(lake: Lake, campaign_id: str, batch: int, form: Mapping[str, st
         if form.get(f"rack-{slot}", "") not in ("", str(slot)):
             word["mounted"][slot] = _read_slot(label, form[f"rack-{slot}"])
     done = confirm_print(lake, campaign_id, batch, load_record(PrintConfirmation, word, "the form"), way=WAY)
-    close_forms(lake, make_print_form(lake, campaign_id, batch), f"said by {operator} on the lab's page")
+    close_forms(lake, campaign_id, batch, f"said by {operator} on the lab's page")
     others = len(shown) - len(wanted)
     note = f" {others} of those shown were confirmed by somebody else meanwhile." if others else ""
     return _say_printed(done) + note
@@ -95,7 +94,6 @@ def answer_mount(lake: Lake, campaign_id: str, search_id: str, form: Mapping[str
     kept = {tool_id: slot for tool_id, slot in slots.items() if tool_id not in gone}
     said = {"search_id": search_id, "slots": kept, "gone": gone, "operator": operator}
     confirm_mounting(lake, campaign_id, load_record(Mounting, said, "kept tools"))
-    close_forms(lake, make_mount_form(lake, campaign_id, search_id), f"said by {operator} on the lab's page")
     return f"{spell_count(len(kept), 'kept tool')} mounted, {len(gone)} gone."
 
 
@@ -113,7 +111,6 @@ def answer_reading(lake: Lake, campaign_id: str, search_id: str, form: Mapping[s
     value = read_number(person.label, form.get("value", ""))
     reading = load_record(Reading, {"kind": person.kind, "value": value}, "the answer")
     write_reading(lake, campaign_id or None, search_id, reading, operator, is_sure="sure" in form, way=WAY)
-    close_forms(lake, make_reading_form(lake, campaign_id, search_id, person), f"said by {operator} on the lab's page")
     return f"{person.label}: {value:g} is kept; the next search takes it."
 
 

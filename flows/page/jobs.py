@@ -17,7 +17,6 @@ from fast.tasks.campaign.requests import STARTED
 _OPEN = ["SCHEDULED", "PENDING", "RUNNING", "PAUSED"]
 _FAILED = ["FAILED", "CRASHED"]
 _TOLD_FOR = timedelta(days=1)  # a failure that nobody mended by then is no news
-_WAITING_FLOWS = ("print", "mount", "reading")
 _BEGUN = f"""
     SELECT payload_json ->> '$.config' AS config, max(created_at) AS begun_at FROM events
     WHERE kind = '{STARTED}' AND config IS NOT NULL GROUP BY config ORDER BY begun_at
@@ -53,7 +52,7 @@ def _list_open(api: Api, flows: Mapping[str, str], lake: Lake) -> list[Job]:
     jobs: dict[str, Job] = {}
     for run in _read_runs(api, which, lake):
         flow = flows.get(run["flow_id"], run["name"])
-        if flow in _WAITING_FLOWS:
+        if flow == "print":
             continue
         is_planned = run["auto_scheduled"] and run["state"]["type"] == "SCHEDULED"
         state = "planned" if is_planned else run["state"]["name"].lower()

@@ -55,7 +55,7 @@ class Prompts(Protocol):
     def to_print(self, batch: int, sheet: Path) -> Prompt:
         """Ask that a batch be printed and mounted."""
 
-    def to_mount(self, search_id: str, slots: Mapping[str, int]) -> Prompt:
+    def to_mount(self, slots: Mapping[str, int]) -> Prompt:
         """Ask that kept tools be mounted again; `slots`: of the rack, by tool."""
 
 
@@ -144,7 +144,7 @@ def mount_tools(
     def is_open() -> bool:
         return read_mounting(campaign.lake, search_id) is None
 
-    ask_person(campaign, prompts.to_mount(search_id, slots), is_open, should_stop)
+    ask_person(campaign, prompts.to_mount(slots), is_open, should_stop)
 
 
 @task(task_run_name="{label} asked grasps", cache_policy=NO_CACHE)

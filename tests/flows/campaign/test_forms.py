@@ -1,21 +1,24 @@
-"""Forms in the pages, against a server that answers as Prefect's does; what cannot be had never fails a campaign."""
+"""The form of a batch in the pages, against a server that answers as Prefect's does; without one no campaign fails."""
 
 import shlex
+from types import SimpleNamespace
 from urllib.error import HTTPError
 
 import pytest
 
 from fast.flows.campaign.forms import close_forms, open_form
 from fast.flows.campaign.notify import SILENT
-from fast.flows.campaign.operator_prompts import Prompts, make_print_form
+from fast.flows.campaign.operator_prompts import Prompts
 from fast.flows.progress import ProgressReporter
 from fast.flows.server.access import Api
 from fast.flows.server.server import address_for_others, ask_server
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow
+from fast.tasks.bench.mount import plan_rack
 from fast.tasks.bench.print import PrintConfirmation, confirm_print, ensure_tray
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import load_config
+from tests.flows.campaign.made_up_search import search_made_up
 from tests.flows.cli.cli_lakes import proposed_lake
 from tests.flows.server.local_server import local_server
 
@@ -57,41 +60,41 @@ def pages(monkeypatch):
 
 
 def test_a_batch_has_one_form_until_it_is_closed(lake, pages):
-    form = open_form(lake, make_print_form(lake, "quick", 1))
+    form = open_form(lake, "quick", 1)
     assert form.endswith("/runs/flow-run/R0")
-    assert open_form(lake, make_print_form(lake, "quick", 1)) == form
+    assert open_form(lake, "quick", 1) == form
     (run,) = pages.runs
     assert run["parameters"] == {
         "campaign": "quick", "batch": 1, "slots": [0, 1, 2, 3], "lake": address_for_others(lake)
     }  # fmt: skip
     assert run["name"] == "quick/B01: printed and mounted?"
-    close_forms(lake, make_print_form(lake, "quick", 1), "said by ada")
+    close_forms(lake, "quick", 1, "said by ada")
     assert run["message"] == "said by ada"
-    assert open_form(lake, make_print_form(lake, "quick", 1)).endswith("R1")
+    assert open_form(lake, "quick", 1).endswith("R1")
     assert {request.headers["Authorization"] for request in pages.seen} == {"Basic ZmFzdDpvcGVuIHNlc2FtZQ=="}
 
 
 def test_a_form_that_was_answered_is_not_followed_by_another(tmp_path, pages):
     """The answer is in the lake, the form has ended, and the campaign has not looked yet."""
     lake = Lake.open(proposed_lake(tmp_path))
-    assert open_form(lake, make_print_form(lake, "quick", 1)).endswith("R0")
+    assert open_form(lake, "quick", 1).endswith("R0")
     ensure_tray(lake, "quick", 1)
     confirm_print(lake, "quick", 1, PrintConfirmation(operator="ada", again={2: "warped"}))
     pages.runs[0]["open"] = False
-    assert open_form(lake, make_print_form(lake, "quick", 1)).endswith("R1")  # of the tool that is printed again
+    assert open_form(lake, "quick", 1).endswith("R1")  # of the tool that is printed again
     assert pages.runs[1]["parameters"]["slots"] == [2]
     confirm_print(lake, "quick", 1, PrintConfirmation(operator="ada"))
     pages.runs[1]["open"] = False
-    assert open_form(lake, make_print_form(lake, "quick", 1)) is None
+    assert open_form(lake, "quick", 1) is None
     assert len(pages.runs) == 2
 
 
 def test_without_deployment_or_server_there_is_no_form(lake, pages, monkeypatch):
     pages.deployed = False
-    assert open_form(lake, make_print_form(lake, "quick", 1)) is None
+    assert open_form(lake, "quick", 1) is None
     monkeypatch.setenv("FAST_PREFECT_API_URL", "http://127.0.0.1:9/api")
-    assert open_form(lake, make_print_form(lake, "quick", 1)) is None
-    close_forms(lake, make_print_form(lake, "quick", 1), "nobody hears it")
+    assert open_form(lake, "quick", 1) is None
+    close_forms(lake, "quick", 1, "nobody hears it")
 
 
 def test_a_server_whose_database_is_busy_is_asked_again(monkeypatch):
@@ -128,3 +131,16 @@ def test_a_person_is_asked_and_reminded_and_forms_are_closed(tmp_path, pages, mo
     confirm_print(lake, "quick", 1, PrintConfirmation(operator="ada"))
     prompt.close()
     assert [run["open"] for run in pages.runs] == [False]
+
+
+def test_a_campaign_says_which_kept_tool_goes_where(tmp_path):
+    lake = Lake.open(proposed_lake(tmp_path))
+    confirm_print(lake, "quick", 1, PrintConfirmation(operator="ada"))
+    search_id = search_made_up(lake, SimpleNamespace(campaign_id="quick"), None).run.gap_id
+    campaign = Campaign(lake, load_config(tmp_path / "quick.toml"))
+    said = []
+    prompts = Prompts(campaign, ProgressReporter(said.append, said.append), SILENT)
+    prompts.to_mount(plan_rack(lake, campaign.state(), search_id)).ask()
+    assert "mount these kept tools again, nothing is printed: B01T0 in slot 0, B01T1 in slot 1" in said[0]
+    assert "fast print mounted quick --operator NAME" in said[0]
+    assert lake.records(EventRow)[-1].kind == "mount_waiting"

@@ -169,12 +169,10 @@ def test_what_a_campaign_asks_of_a_person_is_found_without_its_name(fast: Fast, 
     assert fast("gap", "next", "--lake", lake.root).out.startswith("No grasp is asked for")
 
 
-def test_an_answer_on_the_command_line_ends_the_form(fast: Fast, lake: Lake, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_confirmation_on_the_command_line_ends_the_form(
+    fast: Fast, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     closed: list[tuple[Any, ...]] = []
-    monkeypatch.setattr("fast.flows.campaign.forms.close_forms", lambda lake, form, why: closed.append((form.tag, why)))
-    search_id = search(lake)
-    assert fast("print", "mounted", "quick", "--operator", "ada", "--lake", lake.root).status == 0
-    ask_person(lake, "quick")
-    assert fast(*answer_words("walls", "0.1"), "--lake", lake.root).status == 0
-    why = "said by ada on the command line"
-    assert closed == [(f"mount {search_id}", why), ("reading P0", why)]
+    monkeypatch.setattr("fast.flows.campaign.forms.close_forms", lambda lake, *which: closed.append(which))
+    assert fast("print", "confirm", "B01", "--operator", "ada", "--lake", proposed_lake(tmp_path)).status == 0
+    assert closed == [("quick", 1, "said by ada on the command line")]

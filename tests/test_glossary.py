@@ -15,7 +15,7 @@ PLACES: dict[str, tuple[str, ...]] = {
     "answer": ("flows/campaign/", "flows/challenge/", "flows/cli/", "flows/page/words.py", "flows/page/answers.py")
     + ("hardware/questions.py", "lake/handoff/", "models/gap/ask/", "tasks/bench/questions.py", "tasks/gap/"),
     "bank": ("flows/challenge/", "flows/gap/", "models/gap/", "models/simulation/effects/", "tasks/gap/"),
-    "cell": ("flows/challenge/", "flows/report/gap/", "flows/viewer/gap.py", "models/gap/", "models/traces/")
+    "cell": ("flows/challenge/", "flows/report/gap/", "models/gap/", "models/traces/")
     + ("tasks/bench/again.py", "tasks/bench/told_questions.py", "tasks/gap/"),
     "lead": ("models/gap/",),
     "line": ("flows/campaign/", "flows/cli/", "flows/page/start.py", "flows/report/lineage.py", "hardware/", "lake/")

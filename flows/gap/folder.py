@@ -1,4 +1,4 @@
-"""The folder of a gap search: its page, `findings.json`, and the recording of held-out grasps."""
+"""The folder of a gap search: its page and `findings.json`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,8 +13,6 @@ from fast.lake.tables.campaign import GraspRow
 if TYPE_CHECKING:
     from fast.flows.report.gap.sentences import GapPage, ThetaRow
     from fast.tasks.gap.calibrate import CalibratedSimulator
-
-RECORDING = "held_out.rrd"
 
 
 def find_page(lake: Lake, outcome: GapOutcome) -> Path:
@@ -39,12 +37,7 @@ def write_folder(lake: Lake, outcome: GapOutcome, out: Path | None = None) -> Pa
     if not outcome.is_new and (folder / PAGE).is_file():
         return folder / PAGE
     of = f"{run.campaign_id or lake.address}, {run.n_grasps} grasps"
-    page = write_gap_report(_collect_page(lake, outcome), folder, run.gap_id, of)
-    if outcome.evaluation is not None:
-        from fast.flows.viewer.gap import write_gap_recording
-
-        write_gap_recording(outcome.evaluation, folder / RECORDING)
-    return page
+    return write_gap_report(_collect_page(lake, outcome), folder, run.gap_id, of)
 
 
 def _collect_page(lake: Lake, outcome: GapOutcome) -> "GapPage":

@@ -12,7 +12,6 @@ from fast.flows.gap.search import describe_outcome
 from fast.flows.report.gap import sentences
 from fast.flows.report.gap.page import write_findings, write_gap_report
 from fast.flows.report.gap.sentences import INDEPENDENT, GapPage, ThetaRow
-from fast.flows.viewer.gap import write_gap_recording
 from fast.models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate
 from fast.models.gap.evaluation.held_out import HeldOut, add_scatter
 from fast.models.gap.findings import (
@@ -482,11 +481,3 @@ def test_too_few_held_out_and_a_small_gap_are_said(tmp_path: Path) -> None:
     assert "too few designs or objects held out for an interval, which takes 3 of either" in page
     assert "95 %: " not in page
     assert "not larger than what repeats scatter or another mesh or contact changes, 0.13 N" in page
-
-
-def test_recording_holds_measured_before_and_after(content: GapPage, tmp_path: Path) -> None:
-    assert content.evaluation is not None
-    path = write_gap_recording(content.evaluation, tmp_path / "gap.rrd")
-    written = path.read_bytes()
-    for entity in (b"grasp_0/measured_0", b"grasp_0/before", b"grasp_0/after", b"grasp_5/after"):
-        assert entity in written

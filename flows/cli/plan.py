@@ -32,9 +32,6 @@ def plan(
         Path | None, Parameter(help="Bench file whose speeds and places count; default: the config's, or the lab's.")
     ] = None,
     design: Designs = None,
-    grasp_s: Annotated[
-        float | None, Parameter(help="Measured mean time of a grasp, which scales the model's.", validator=Number(gt=0))
-    ] = None,
     json: AsJson = False,
 ) -> None:
     """Compute time per tool and batch, grasps per hour beside the paper's 240, and dominant parts. Nothing moves."""
@@ -49,7 +46,6 @@ def plan(
     times = _times(objects, setup, bench, tools, design)
     n_grasps = sum(len(time.item_s) for time in times)
     modelled_s = sum(time.total_s for time in times) / n_grasps
-    factor = 1.0 if grasp_s is None else grasp_s / modelled_s
     fixed = objects.model_copy(update={"order": "fixed", "repeats_order": "together"})
     shortest_s = sum(time.total_s for time in _times(fixed, setup, bench, tools, design)) / n_grasps
     data = {
@@ -57,15 +53,13 @@ def plan(
         "grasps": n_grasps,
         "order": objects.order,
         "repeats_order": objects.repeats_order,
-        "grasp_s": factor * modelled_s,
-        "grasps_per_hour": 3600 / (factor * modelled_s),
+        "grasp_s": modelled_s,
+        "grasps_per_hour": 3600 / (modelled_s),
         "paper_grasps_per_hour": PAPER_GRASPS_PER_HOUR,
-        "tool_s": [factor * time.total_s for time in times],
-        "batch_s": factor * sum(time.total_s for time in times),
-        "order_costs_s_per_grasp": factor * (modelled_s - shortest_s),
-        "parts_s_per_grasp": {
-            name: factor * s / n_grasps for name, s in add_up(time.parts_s for time in times).items()
-        },
+        "tool_s": [time.total_s for time in times],
+        "batch_s": sum(time.total_s for time in times),
+        "order_costs_s_per_grasp": (modelled_s - shortest_s),
+        "parts_s_per_grasp": {name: s / n_grasps for name, s in add_up(time.parts_s for time in times).items()},
     }
     show(data, _text(data), json)
 

@@ -4,6 +4,8 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 BAND = 0.9  # share of the gaps so far that the band holds
 LEAST_GAPS = 5  # before there is a band
 FAR_SDS = 3.0  # of the repeats' spread; farther is not like them
@@ -35,7 +37,7 @@ def judge_grasp(
         gap_n = peak_force_n - simulated_n
         told = f"simulated {simulated_n:.1f} N"
         if len(gaps_n) >= LEAST_GAPS:
-            half_n = _half_width(gaps_n)
+            half_n = float(np.quantile(np.abs(gaps_n), BAND))
             is_out = abs(gap_n) > half_n
             is_strange |= is_out
             told += f", {'outside' if is_out else 'inside'} the band of ±{half_n:.1f} N"
@@ -51,12 +53,3 @@ def judge_grasp(
         else:
             words.append(f"its repeats: {listed} N")
     return Verdict("; ".join(words), is_strange)
-
-
-def _half_width(gaps_n: Sequence[float]) -> float:
-    """Return what holds `BAND` of the gaps about zero."""
-    sizes = sorted(map(abs, gaps_n))
-    place = BAND * (len(sizes) - 1)
-    low = int(place)
-    high = min(low + 1, len(sizes) - 1)
-    return sizes[low] + (place - low) * (sizes[high] - sizes[low])

@@ -4,9 +4,9 @@ In front of step means lie `N_LEAD` forces, the end of closing up to the start o
 clock or a slow transmitter brings them into the lift. In its first steps the force turns round and rises by more than
 it ever does again, and within half a step it may be at its plateau. So there the force is read in fifths of a step: a
 ramp that is as steep as the step's mean says, and a plateau where a ramp alone would overshoot the next step. Later
-step means are taken as the force at the middle of their steps. Effects that say what they do to forces read at such
-times (`Effect.modify_forces`) are asked for n grasps at once; any other is replayed grasp by grasp. Either way it is
-the change that counts, so that an effect of amplitude zero leaves the prediction alone to the last bit.
+step means are taken as the force at the middle of their steps. Effects say what they do to forces read at such times
+(`Effect.modify_forces`), for n grasps at once. It is the change that counts, so that an effect of amplitude zero leaves
+the prediction alone to the last bit.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ import numpy as np
 
 from fast.models.records import GraspSetup, Trace
 from fast.models.simulation.effects.base import Effect, Readings
-from fast.models.traces.step_features import N_STEPS, STEP_MM, step_means
+from fast.models.traces.step_features import N_STEPS, STEP_MM
 
 N_LEAD = 12
 _N_FINE, _PARTS = 3, 5  # steps that are read in parts
@@ -29,8 +29,6 @@ _AT_MM = STEP_MM * np.concatenate(
 
 def apply_sensor_effect(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
     """Apply one effect to step means with their lead (n x 132), as it acts in each of n grasps (`Effect.in_grasp`)."""
-    if not effects[0].overrides("modify_forces"):
-        return _replay(effects, steps_n, setup)
     fine_n = _fine(steps_n)
     change_n = _stack(effects).modify_forces(fine_n, _make_readings(setup)) - fine_n
     end = N_LEAD + _N_FINE * _PARTS
@@ -57,13 +55,6 @@ def make_lead_map(simulated: GraspSetup, made: GraspSetup) -> np.ndarray:
     return np.stack([np.interp(wanted_mm, known_mm, row) for row in np.eye(N_LEAD)[:, places]], axis=1)
 
 
-def make_trace(steps_n: np.ndarray, setup: GraspSetup) -> Trace:
-    """Make a trace with these step means and lead (132), to first order: closed, held, lifted as the setup says."""
-    at_mm, force_n = np.append(_AT_MM, _AT_MM[-1] + 0.5 * STEP_MM), np.append(_fine(steps_n[None])[0], steps_n[-1])
-    time_s = _closed_s(setup) + at_mm / setup.lift_speed_mm_per_s
-    return Trace(time_s, np.maximum(at_mm, 0.0), force_n)
-
-
 def _fine(steps_n: np.ndarray) -> np.ndarray:
     """Compute the forces on the lattice (n x 144) of step means with their lead (n x 132)."""
     start_n, parts = steps_n[:, N_LEAD - 1], []
@@ -83,15 +74,6 @@ def _part_step(start_n: np.ndarray, mean_n: np.ndarray, end_n: np.ndarray) -> np
     share = np.clip(np.where(above < 0.5, _PART - (1.0 - ramp), _PART) / ramp, 0.0, 1.0)
     found = start_n[:, None] + rise_n[:, None] * share
     return np.asarray(found + (mean_n - found.mean(axis=1))[:, None])
-
-
-def _replay(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    traces = [make_trace(row, setup) for row in steps_n]
-    changes = [
-        step_means(effect.modify_trace(trace)) - step_means(trace)
-        for effect, trace in zip(effects, traces, strict=True)
-    ]
-    return steps_n + np.pad(np.array(changes), ((0, 0), (N_LEAD, 0)))
 
 
 def _stack(effects: Sequence[Effect]) -> Effect:

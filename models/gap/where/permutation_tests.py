@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 
 from fast.models.gap.where.residuals import PHASES, Residuals
 from fast.models.gap.where.strata import FAMILY, OBJECT_FEATURES
@@ -59,27 +60,18 @@ def run_tests(residuals: Residuals, seed: int = 0) -> TestTree:
     phases = np.array([phase for phase, _ in names])
     p_global = _largest(z)
     p_phase = {phase: _largest(z[phases == phase]) for phase in PHASES if (phases == phase).any()}
-    q_phase = dict(zip(p_phase, adjust_bh(np.array(list(p_phase.values()))), strict=True))
+    q_phase = dict(zip(p_phase, scipy.stats.false_discovery_control(np.array(list(p_phase.values()))), strict=True))
     factors: list[Hypothesis] = []
     for phase, of_phase in q_phase.items():
         rows = np.flatnonzero(phases == phase)
         is_open = p_global <= Q and of_phase <= Q
         q = (
-            np.maximum(np.minimum(adjust_step_down(z[rows]), adjust_bh(p[rows])), of_phase)
+            np.maximum(np.minimum(adjust_step_down(z[rows]), scipy.stats.false_discovery_control(p[rows])), of_phase)
             if is_open
             else np.ones(len(rows))
         )
         factors += [Hypothesis(*names[r], float(p[r]), float(x)) for r, x in zip(rows, q, strict=True)]
     return TestTree({k: float(v) if p_global <= Q else 1.0 for k, v in q_phase.items()}, tuple(factors))
-
-
-def adjust_bh(p: np.ndarray) -> np.ndarray:
-    """Compute the q of p values of one family (m), after Benjamini and Hochberg 1995."""
-    order = np.argsort(p)
-    q = p[order] * len(p) / (np.arange(len(p)) + 1)
-    out = np.zeros(len(p))
-    out[order] = np.minimum.accumulate(q[::-1])[::-1]
-    return np.minimum(out, 1.0)
 
 
 def adjust_step_down(z: np.ndarray) -> np.ndarray:

@@ -6,17 +6,33 @@ import numpy as np
 import pytest
 
 from fast.models.errors import UsageError
-from fast.models.gap.bank.sensor_effects import N_LEAD, apply_sensor_effect, make_trace, read_lead
+from fast.models.gap.bank import sensor_effects
+from fast.models.gap.bank.sensor_effects import N_LEAD, apply_sensor_effect, read_lead
 from fast.models.gap.bank.surrogate import Surrogate
 from fast.models.gap.data import GapData
 from fast.models.records import EffectValue, GraspSetup, Trace
 from fast.models.simulation.effects.catalogue import CATALOGUE, build_effects
-from fast.models.traces.step_features import step_means
+from fast.models.traces.step_features import STEP_MM, step_means
 from tests.synthetic.gap import made_up_gap
 from tests.synthetic.simulation import replayed
 
 CENTRE = np.array([10.0, 0.6, 0.42])
 THETA = np.array([8.0, 0.7, 0.4])
+
+
+def make_trace(steps_n: np.ndarray, setup: GraspSetup) -> Trace:
+    """A trace with these step means and lead (132), to first order: closed, held, lifted as the setup says."""
+    at_mm = np.append(sensor_effects._AT_MM, sensor_effects._AT_MM[-1] + 0.5 * STEP_MM)
+    force_n = np.append(sensor_effects._fine(steps_n[None])[0], steps_n[-1])
+    time_s = sensor_effects._closed_s(setup) + at_mm / setup.lift_speed_mm_per_s
+    return Trace(time_s, np.maximum(at_mm, 0.0), force_n)
+
+
+def test_effects_on_traces_say_what_they_do_to_forces() -> None:
+    """The bank asks for nothing else: one that changed finished traces alone would be seen nowhere in a search."""
+    kinds = {name: spec.kind for name, spec in CATALOGUE.items()}
+    assert [name for name, kind in kinds.items() if kind.acts_on_traces() and not kind.overrides("modify_forces")] == []
+
 
 ON_TRACES = {
     "stress_relaxation": {"relaxed_share": 0.2, "time_constant_s": 4.0},

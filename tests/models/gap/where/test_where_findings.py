@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fast.models.gap.where.locate import locate
-from fast.models.gap.where.permutation_tests import adjust_bh, run_tests
+from fast.models.gap.where.permutation_tests import run_tests
 from fast.models.gap.where.residuals import compute_phase_differences, find_phase_windows
 from fast.models.gap.where.strata import object_shape
 from tests.models.gap.where.made_up import LIFT_MM, made_up_residuals
@@ -58,10 +58,6 @@ def test_shuffled_designs_lose_the_place() -> None:
     world = made_up_residuals(_thin_ribs_on_wide)
     shuffled = dataclasses.replace(world, designs=world.designs[5:] + world.designs[:5])
     assert not any("ribs" in f.stratum for f in locate(shuffled).findings)
-
-
-def test_benjamini_hochberg_by_hand() -> None:
-    assert adjust_bh(np.array([0.01, 0.04, 0.03, 0.5])) == pytest.approx([0.04, 0.16 / 3, 0.16 / 3, 0.5])
 
 
 def test_a_step_is_in_one_phase_at_most_and_the_peak_is_the_difference_of_peaks() -> None:

@@ -2,8 +2,9 @@ import gc
 import os
 import signal
 import tempfile
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,6 +14,7 @@ from fast.flows.cli.main import leave
 from tests.peers import list_peers
 
 _STATUS: list[int] = []
+_HERE = Path(__file__).parent
 settings.register_profile("quick", max_examples=40)  # a test that needs more says so
 settings.load_profile("quick")
 # Wire logs of benches moved by hand go to the user's state folder: not to that of whoever runs the tests.
@@ -43,9 +45,16 @@ def _no_settings_of_another_test() -> Iterator[None]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files with slow tests come first: a worker that begins one last would work alone for minutes."""
+    """Folders take turns: tests of devices wait, tests of models compute, and side by side they fill the cores.
+
+    Files with slow tests are among the first half, lest a worker end alone.
+    """
     slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow)
+    files: dict[str, list[Path]] = defaultdict(list)
+    for path in dict.fromkeys(item.path for item in items):
+        files["slow" if path in slow else os.path.relpath(path, _HERE).split(os.sep)[0]].append(path)
+    turns = {path: place / len(group) for group in files.values() for place, path in enumerate(group)}
+    items.sort(key=lambda item: turns[item.path] / (2.0 if item.path in slow else 1.0))
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:

@@ -15,10 +15,12 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import ObjectRow
 from fast.models.errors import ConfigError, UsageError
 from fast.models.objects.catalogue import FIRST_OWN_ID, OBJECTS, get_object, register
+from fast.models.objects.distance import distance_and_normal
 from fast.models.objects.own import MOST_LETTERS, object_of_mesh, object_of_parts
 from fast.models.objects.parts import Part, Turn
 from fast.models.objects.rigid import RigidObject
-from fast.models.objects.shape_text import MeshShape, mesh_of_shape, read_shape
+from fast.models.objects.shape_text import MeshShape, PartsShape, mesh_of_shape, read_shape
+from fast.models.objects.surface import object_mesh
 from fast.models.records import Record
 from fast.models.validation import closest, load_record, parse_toml
 
@@ -37,6 +39,11 @@ _ROUNDED_EDGES = (
     "it came to this lake when meshes had their sharp edges rounded, so simulated forces may be up to 30 % off, mostly "
     "too low; use its file with a new lake"
 )
+_LEAST_WALL_MM, _WALL_STEP_MM = 2.0, 0.25  # fingers sink in by up to a millimetre, then the other side pulls them on
+_WALL_SHARE = 0.01  # of the surface
+_N_WALL_POINTS = 4000
+_WALL_TURN = np.cos(np.radians(30.0))  # between the two sides of a wall; more is a wedge
+_ROUNDING_MM = 0.05  # of distances
 logger = logging.getLogger(__name__)
 
 
@@ -182,19 +189,48 @@ def _read_bytes(path: Path) -> bytes:
 def find_object(text: str, lake: Path | str) -> RigidObject:
     """Find the object that a person named: by number, by name (of the 36 or an own one of the lake), or by its file.
 
-    A warning says of a mesh of an earlier version, whose sharp edges are rounded, that its forces may be off.
+    A warning says of an own object with thin walls, or with edges rounded by an earlier version, that its forces may be
+    off.
 
     Raises:
         UsageError: nothing is called so, or the file cannot be used.
     """
     found = _find(text, lake)
-    warn_of_edges(found)
+    warn_of_shape(found)
     return found
 
 
-def warn_of_edges(obj: RigidObject) -> None:
-    """Log that forces on a mesh of an earlier version may be off: one whose edges are rounded where they stick out."""
-    read = None if obj.shape is None else read_shape(obj.shape)
+def warn_of_shape(obj: RigidObject) -> None:
+    """Log that simulated forces on an own object may be off: it has thin walls, or edges that were rounded."""
+    if obj.shape is None:
+        return
+    _warn_of_edges(obj, read_shape(obj.shape))
+    wall_mm = _find_thin_wall_mm(obj)
+    if wall_mm is not None:
+        logger.warning(
+            "%s: it has walls thinner than %g mm; fingers may go through walls below %g mm, and simulated forces be "
+            "many times too high or too low; fill it where no finger reaches.",
+            obj.name,
+            wall_mm,
+            _LEAST_WALL_MM,
+        )
+
+
+def _find_thin_wall_mm(obj: RigidObject) -> float | None:
+    """Find a thickness that walls on a hundredth of the surface do not have; None where they have enough."""
+    mesh = object_mesh(obj)
+    points, faces = trimesh.sample.sample_surface(mesh, _N_WALL_POINTS, seed=0)
+    inward = -mesh.face_normals[faces]
+    for wall_mm in np.arange(_WALL_STEP_MM, _LEAST_WALL_MM + _WALL_STEP_MM / 2, _WALL_STEP_MM):
+        outside_mm, normal = distance_and_normal(obj.primitives, points + wall_mm * inward)
+        is_through = (outside_mm > _ROUNDING_MM) & ((normal * inward).sum(axis=1) > _WALL_TURN)
+        if is_through.mean() > _WALL_SHARE:
+            return float(wall_mm)
+    return None
+
+
+def _warn_of_edges(obj: RigidObject, read: MeshShape | PartsShape) -> None:
+    """Log it of a mesh of an earlier version whose edges are rounded where they stick out."""
     if not isinstance(read, MeshShape) or read.edges == "sharp":
         return
     mesh = mesh_of_shape(read)

@@ -32,9 +32,11 @@ def list_objects(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None
 @app.command
 def check(files: Files, *, json: AsJson = False) -> None:
     """Say what the program makes of own objects, and whether the fingers can hold them. Nothing is written."""
-    from fast.tasks.objects import read_objects
+    from fast.tasks.objects import read_objects, warn_of_shape
 
     found = read_objects(files)
+    for obj in found:
+        warn_of_shape(obj)
     rows = [{**_row(obj), "remarks": _remarks(obj)} for obj in found]
     lines = [f"{row['name']}: {remark}" for row in rows for remark in row["remarks"]]
     plain = [{name: value for name, value in row.items() if name != "remarks"} for row in rows]
@@ -46,10 +48,12 @@ def add(files: Files, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) ->
     """Write own objects to the lake, where they are known by name and number from then on."""
     from fast.lake.provenance import current_provenance
     from fast.lake.tables.campaign import ObjectRow
-    from fast.tasks.objects import check_names, own_objects, read_objects
+    from fast.tasks.objects import check_names, own_objects, read_objects, warn_of_shape
 
     found, known = read_objects(files), own_objects(lake)
     check_names(found, known)
+    for obj in found:
+        warn_of_shape(obj)
     earlier = {obj.object_id: obj.name for obj in known}
     opened = open_lake(lake, create=True)
     opened.append([ObjectRow.of(obj) for obj in found], current_provenance())

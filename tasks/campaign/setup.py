@@ -207,10 +207,10 @@ def register(campaign: Campaign, config_toml: str) -> None:
         campaign.lake.append(_proposals_of_imported(campaign), provenance)
     campaign.lake.append([row, *object_rows(own)], provenance)
     if own:
-        from fast.tasks.objects import warn_of_edges  # loads meshes; the 36 do without
+        from fast.tasks.objects import warn_of_shape  # loads meshes; the 36 do without
 
         for obj in own:
-            warn_of_edges(obj)
+            warn_of_shape(obj)
 
 
 def _with_file_ids(config_toml: str, file_ids: dict[str, int]) -> str:

@@ -169,6 +169,29 @@ def test_a_wrong_file_is_one_sentence(folder: Path, name: str, content: bytes, w
     assert "\n" not in str(refused.value)
 
 
+THIN_TUBE = """
+[[parts]]
+shape = "cylinder"
+diameter_mm = 30
+length_mm = 30
+bore_mm = 28.4
+rounding_mm = 0.3
+"""
+
+
+def test_thin_walls_through_which_fingers_go_are_warned_of(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
+    for name, wall_mm in (("thin", 0.8), ("thick", 3.0)):
+        trimesh.creation.annulus(15.0 - wall_mm, 15.0, 30.0, sections=48).export(folder / f"{name}.stl")
+    (folder / "parts.toml").write_text(THIN_TUBE)
+    for name in ("ball.stl", "dumbbell.toml", "thick.stl"):
+        find_object(str(folder / name), folder / "lake")
+    assert caplog.text == ""
+    for name in ("thin.stl", "parts.toml"):
+        find_object(str(folder / name), folder / "lake")
+    for name in ("thin", "parts"):
+        assert f"{name}: it has walls thinner than 1 mm; fingers may go through walls below 2 mm" in caplog.text
+
+
 def test_a_mesh_of_an_older_lake_keeps_its_rounded_edges_and_is_told_of(
     folder: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -58,7 +58,7 @@ def answers(monkeypatch):
 
 
 @pytest.fixture
-def fast(capsys):
+def fast(capsys, no_figures):
     return Fast(capsys)
 
 

@@ -74,6 +74,18 @@ def test_the_first_campaign_of_a_lake_shows_on_pages_that_were_open_before(tmp_p
         assert page.input_value("#config") == "# being written"
 
 
+def test_a_report_shows_its_pictures_and_runs_no_script(tmp_path):
+    lake = Lake.open(proposed_lake(tmp_path))
+    folder = lake.root / "outputs" / "quick" / "report"
+    folder.mkdir(parents=True)
+    (folder / "a.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg" width="40" height="30"/>')
+    (folder / "index.html").write_text("<title>quiet</title><img src='a.svg'><script>document.title = 'loud'</script>")
+    with serve(lake) as address, open_browser(address) as page:
+        page.goto(f"{address.partition('?')[0]}outputs/quick/report/index.html")
+        assert page.locator("img").evaluate("one => one.naturalWidth") == 40
+        assert page.title() == "quiet"
+
+
 def test_no_tab_is_wider_than_a_small_phone(tmp_path):
     lake = Lake.open(proposed_lake(tmp_path))
     (lake.root / "outputs" / "configs").mkdir(parents=True)

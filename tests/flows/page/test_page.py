@@ -297,7 +297,7 @@ def test_files_of_the_outputs_run_no_script(lake):
     (lake.root / "outputs" / "x" / "a.html").write_text("<script>fetch('/orders/stop')</script>")
     answer = Browser(lake).client.get("/outputs/x/a.html")
     assert answer.status_code == 200
-    assert answer.headers["content-security-policy"].startswith("sandbox;")
+    assert answer.headers["content-security-policy"].startswith("sandbox allow-same-origin allow-downloads;")
     assert Browser(lake).client.get("/outputs/../.state/key").status_code == 404
 
 

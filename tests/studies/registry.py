@@ -32,6 +32,7 @@ from tests.studies.platform.page_cost import measure_page_cost
 from tests.studies.platform.page_pace import measure_page_pace
 from tests.studies.platform.page_story import measure_page_story
 from tests.studies.platform.paper_schedule import measure_paper_schedule
+from tests.studies.platform.pictures import measure_pictures
 from tests.studies.scientist.insights import measure_insights
 from tests.studies.scientist.lab_world import measure_lab_world
 from tests.studies.simulation.robustness import measure_robustness
@@ -82,6 +83,7 @@ STUDIES: dict[str, Benchmark] = {
     "page-cost": benchmark(measure_page_cost),
     "page-pace": benchmark(measure_page_pace, "n"),
     "page-story": benchmark(measure_page_story, "figure"),
+    "pictures": benchmark(measure_pictures, "figure"),
     "environments": benchmark(measure_environments, "n", "results", "workers", "limit_minutes"),
     "feature-pairs": benchmark(measure_feature_pairs, "n", "results"),
     "paper-schedule": benchmark(measure_paper_schedule, "results", "limit_minutes", "figure"),

@@ -9,6 +9,7 @@ from pathlib import Path
 from fast.flows.campaign.forms import close_forms, open_form
 from fast.flows.campaign.notify import Notifier
 from fast.flows.progress import ProgressReporter, describe_duration
+from fast.hardware.questions import BenchQuestion
 from fast.lake.handoff.plan_folder import RESULTS
 from fast.lake.tables.campaign import BatchRow
 from fast.tasks.campaign.campaign import Campaign
@@ -96,6 +97,15 @@ class Prompts:
     campaign: Campaign
     reporter: ProgressReporter
     notifier: Notifier
+
+    def tell_asked(self, question: BenchQuestion) -> None:
+        """Tell people, in the terminal and by message, that the bench waits for an answer."""
+        name, lake = self.campaign.campaign_id, self.campaign.lake
+        choices = " or ".join(shlex.quote(choice) for choice in question.choices)
+        way = f"fast campaign answer {name} CHOICE --operator NAME --lake {shlex.quote(lake.address)}"
+        how = f"Answer on the lab's page, or {choices} with\n    {way}"
+        self.reporter.announce(f"A person is needed: {question.sentence}\n{how}")
+        self.notifier.send("needs_you", f"FAST needs you: the bench of {name} asks", f"{question.sentence}\n{how}")
 
     def to_print(self, batch: int, sheet: Path) -> Prompt:
         """Return the prompt to print and mount a batch; `sheet` says what and how."""

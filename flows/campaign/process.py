@@ -105,7 +105,9 @@ def run_in_process(
     run = CampaignRun(
         campaign=campaign,
         pool=simulations,
-        open_bench=lambda tools: open_campaign_bench(campaign, setup, truth, tools, run.should_stop),
+        open_bench=lambda tools: open_campaign_bench(
+            campaign, setup, truth, tools, run.should_stop, run.prompts.tell_asked
+        ),
         world_hash=setup.world_hash if isinstance(setup, World) else None,
         auto_print=auto_print,
         on_grasp=functools.partial(_report_grasp, progress),
@@ -173,6 +175,7 @@ def open_campaign_bench(
     physics: PhysicsCache,
     tools: Sequence[ProposedTool],
     should_stop: Callable[[], bool] = lambda: False,
+    tell_asked: Callable[[BenchQuestion], object] | None = None,
 ) -> Iterator[GraspBench]:
     """Open the campaign's bench with these tools in its rack, connected and homed.
 
@@ -203,7 +206,7 @@ def open_campaign_bench(
             yield own
         return
     there = setup.model_copy(update={"layout": objects.stand_on(setup.layout)})
-    ask = make_ask(campaign.lake, campaign.campaign_id, should_stop)
+    ask = make_ask(campaign.lake, campaign.campaign_id, should_stop, tell_asked)
 
     def may_vent(found: str) -> bool:
         return ask(BenchQuestion(key="closed gripper", sentence=found, choices=(OPEN_IT, LEAVE_IT))).choice == OPEN_IT

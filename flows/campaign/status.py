@@ -13,6 +13,7 @@ from fast.lake.tables.campaign import GraspRow, SimulationRow, SimulatorVersionR
 from fast.lake.tables.imported import IMPORTED, importing_campaign, is_imported
 from fast.models.ids import tool_label
 from fast.models.units import spell_count
+from fast.tasks.bench.questions import list_open_questions
 from fast.tasks.bench.ways_on import WayOnward, list_ways, read_fault
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import read_stored_config
@@ -68,6 +69,7 @@ def read_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
         "simulated_before": load.simulated_before,
         "waiting_for_print": [f"{campaign_id}/B{batch:02d}" for batch in waiting],
         "waiting_for_grasps": [f"{campaign_id}/B{batch:02d}" for batch in untold],
+        "waiting_for_answers": [one.question.sentence for one in list_open_questions(lake, campaign_id)],
         "best_tool": tools[0]["tool_id"] if tools else None,
         "best_n": tools[0]["tool_quality_n"] if tools else None,
         "advice": advice[0].model_dump() if advice else None,
@@ -113,6 +115,7 @@ def _imported_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
         "grasps": f"{n_grasps}/{n_grasps}",
         "simulated": f"{n_simulated}/{n_simulated}",
         "waiting_for_print": [],
+        "waiting_for_answers": [],
         "waiting_for_grasps": [],
         "best_tool": tools[0]["tool_id"] if tools else None,
         "best_n": tools[0]["tool_quality_n"] if tools else None,
@@ -148,6 +151,8 @@ def format_status(status: dict[str, Any], lake: str | None = None) -> str:
         lines.append(f"health     {status['advice']['tone']}: {status['advice']['health']}")
     for batch in status["waiting_for_print"]:
         lines.append(f"waiting    for batch {batch}: fast print confirm {batch} --operator NAME{there}")
+    for sentence in status["waiting_for_answers"]:
+        lines.append(f"waiting    for an answer: {sentence} See fast campaign answer {status['campaign']}{there}")
     for batch in status["waiting_for_grasps"]:
         lines.append(f"waiting    for grasps of batch {batch}: fast tell CONFIG results.csv --operator NAME{there}")
     return "\n".join(lines)

@@ -9,6 +9,7 @@ from itertools import count
 import numpy as np
 
 from fast.hardware.grasp_bench import GraspBench
+from fast.hardware.questions import BenchQuestion
 from fast.hardware.station.lost_steps import SLIP_LIMIT_MM, LostStepsError
 from fast.hardware.station.station import MeasuredGrasp
 from fast.lake.handoff.fields import MOST_FORCE_N
@@ -62,6 +63,8 @@ class BenchUse:
     """Asked before each grasp."""
     on_grasp: Callable[[ProposedTool, MeasuredGrasp], object] = lambda tool, grasp: None
     """Hears of each grasp."""
+    tell_asked: Callable[[BenchQuestion], object] | None = None
+    """Has people hear what the bench asks; None: the log does."""
 
 
 @contextmanager
@@ -74,7 +77,7 @@ def hold_bench(campaign: Campaign, tools: Sequence[ProposedTool], use: BenchUse)
     owned = exclusive(campaign.lake.storage, GANTRY_LEASE, "the gantry of this lake is in use")
     with owned as gantry, note_verbs(campaign.lake, campaign.campaign_id), use.open_bench(tools) as bench:
         bench.set_leave(gantry.require)
-        bench.set_ask(make_ask(campaign.lake, campaign.campaign_id, use.should_stop))
+        bench.set_ask(make_ask(campaign.lake, campaign.campaign_id, use.should_stop, use.tell_asked))
         yield bench
 
 

@@ -78,16 +78,24 @@ def withdraw_questions(lake: Lake, campaign_id: str) -> None:
         append_event(lake, campaign_id, HEARD, f"asked no more: {one.question.sentence}", question_id=one.question_id)
 
 
-def make_ask(lake: Lake, campaign_id: str, should_stop: Callable[[], bool]) -> Ask:
-    """Make what a campaign's bench asks a person with; it waits for the answer, or until somebody stops."""
+def make_ask(
+    lake: Lake, campaign_id: str, should_stop: Callable[[], bool], tell: Callable[[BenchQuestion], object] | None = None
+) -> Ask:
+    """Make what a campaign's bench asks a person with; it waits for the answer, or until somebody stops.
+
+    `tell` has people hear of a question that waits; None: the log does.
+    """
 
     def ask(question: BenchQuestion) -> BenchAnswer:
-        asked, _, heard = _read(lake, campaign_id)
+        asked, answers, heard = _read(lake, campaign_id)
         n_heard = sum(one.key == question.key for name, one in asked.items() if name in heard)
         question_id = content_id("E", [campaign_id, question.key, n_heard])
         if question_id not in asked:
             said = question.model_dump(mode="json")
             append_event(lake, campaign_id, ASKED, question.sentence, question_id=question_id, said=said)
+        if question_id not in answers and tell is not None:
+            tell(question)
+        elif question_id not in answers:
             logger.warning("%s Answer on the lab's page, or with `fast campaign answer`.", question.sentence)
         answer = _wait(lake, campaign_id, question_id, should_stop)
         append_event(lake, campaign_id, HEARD, f"the bench heard: {answer.choice}", question_id=question_id)

@@ -8,10 +8,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from fast.flows.cli.common import table_text
+from fast.hardware.parts.safe_state import StopAskedError
+from fast.hardware.questions import BenchQuestion
 from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, GraspRow, ToolRow
 from fast.models.design.space import BEST_PUBLISHED
+from fast.tasks.bench.questions import make_ask
 from fast.tasks.campaign.requests import requested_verb
 from tests.flows.cli.cli_lakes import WORLD, Fast, proposed_lake
 from tests.flows.synthetic_lake import Campaign, build
@@ -38,6 +41,16 @@ def test_status_and_list_say_what_is_waited_for(fast, tmp_path, monkeypatch):
     status = fast("campaign", "status", "--json").json
     assert (status["campaign"], status["waiting_for_print"]) == ("quick", ["quick/B01"])
     assert [row["campaign"] for row in fast("campaign", "list", "--json").json] == ["quick"]
+
+
+def test_status_says_what_the_bench_asks(fast, tmp_path):
+    lake = proposed_lake(tmp_path)
+    question = BenchQuestion(key="pads", sentence="The pads are worn.", choices=("go on",))
+    with pytest.raises(StopAskedError):
+        make_ask(Lake.open(lake), "quick", lambda: True)(question)
+    told = f"for an answer: The pads are worn. See fast campaign answer quick --lake {lake}\n"
+    assert told in fast("campaign", "status", "--lake", lake).out
+    assert fast("campaign", "status", "--lake", lake, "--json").json["waiting_for_answers"] == ["The pads are worn."]
 
 
 def test_print_sheet_and_confirm(fast, tmp_path):

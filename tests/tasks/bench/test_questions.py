@@ -2,10 +2,13 @@
 
 import threading
 from contextlib import contextmanager, nullcontext
+from types import SimpleNamespace
 
 import pytest
 
+from fast.flows.campaign.operator_prompts import Prompts
 from fast.flows.cli.campaign import open_lake
+from fast.flows.progress import ProgressReporter
 from fast.hardware.bench import open_virtual_bench
 from fast.hardware.parts.safe_state import StopAskedError
 from fast.hardware.questions import AskedField, BenchQuestion
@@ -60,6 +63,25 @@ def test_a_question_and_its_answer_outlive_the_process_that_asked(campaign):
     first = lake.records(EventRow, kind="bench_answered")[0].payload["question_id"]
     with pytest.raises(UsageError, match="answered already"):
         answer_question(lake, "small", first, "go on", {}, "grace")
+
+
+def test_people_hear_of_a_question_until_it_is_answered(campaign):
+    """In the terminal and by message: one that only the page showed kept a bench waiting for a night."""
+    said, sent = [], []
+    teller = SimpleNamespace(send=lambda *words: sent.append(words))
+    prompts = Prompts(campaign, ProgressReporter(said.append, said.append), teller)
+    for _ in range(2):  # the second process finds the question open
+        with pytest.raises(Killed):
+            make_ask(campaign.lake, "small", die, prompts.tell_asked)(QUESTION)
+    assert len(said) == len(sent) == 2
+    assert said[0].startswith(
+        "A person is needed: The pads are worn.\nAnswer on the lab's page, or 'new pads' or 'go on'"
+    )
+    assert "fast campaign answer small CHOICE --operator NAME --lake" in said[0]
+    assert sent[0][:2] == ("needs_you", "FAST needs you: the bench of small asks")
+    answer(campaign, mass_g="2,5", lot="L7")
+    make_ask(campaign.lake, "small", die, prompts.tell_asked)(QUESTION)
+    assert len(said) == 2
 
 
 @pytest.mark.parametrize("choice", [IS_IT, "stop here"])

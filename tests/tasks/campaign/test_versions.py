@@ -210,7 +210,8 @@ def test_simulations_of_an_earlier_program_are_done_and_are_no_forces_of_this_on
     done = Campaign(before.lake, before.config)  # as the present program opens it
     work = count_work(done, done.state())
     assert work.simulated_done == work.simulated_before == 16 * len(done.object_ids)
-    nothing = dict.fromkeys(("fault", "best_tool", "advice")) | {"waiting_for_print": [], "waiting_for_grasps": []}
+    nothing = dict.fromkeys(("fault", "best_tool", "advice"))
+    nothing |= {f"waiting_for_{what}": [] for what in ("print", "answers", "grasps")}
     told = {"campaign": "small", "state": "", "grasps": "", "simulated": "", "simulated_before": 32, **nothing}
     assert "32 of them by an older simulator version" in format_status(told)
     assert simulated(done) == {}  # nothing is known of what the present program would say

@@ -133,7 +133,8 @@ class LaumasTransmitter:
             if self._clock.now_s() >= deadline_s:
                 raise DeviceError(
                     f"{self._link.name} did not carry out command {command.value} ({command.name.lower()}) in "
-                    f"{time_out_s:g} s; it was not repeated. Check the display, then continue the batch."
+                    f"{time_out_s:g} s; it was not repeated. Restart it if its display stands still, then continue the "
+                    "batch."
                 )
             self._clock.sleep(0.02)
 

@@ -226,7 +226,9 @@ def test_a_tare_that_never_arrives_is_told(make):
         original(address, values)
 
     rig.link.write_registers = lose_the_request
-    with pytest.raises(DeviceError, match=r"did not carry out command 7 .tare. in 1 s; it was not repeated"):
+    with pytest.raises(
+        DeviceError, match=r"did not carry out command 7 .tare. in 1 s; it was not repeated. Restart it if its display"
+    ):
         rig.transmitter.tare()
 
 

@@ -122,6 +122,8 @@ def test_everybody_can_read_a_fault_and_choose(stopped, width, scheme):
             page.click(f"nav a:has-text('{tab}')")
             page.wait_for_selector(".fault button:has-text('Make the grasp again')")
             assert find_barriers(page) == []
+        box = page.locator(".strip .fault")
+        assert box.evaluate("box => box.scrollHeight <= box.clientHeight"), "no way is hidden below an edge"
 
 
 def test_a_place_and_a_slot_are_left_out_on_the_map_and_put_back(stopped):

@@ -10,7 +10,7 @@ import numpy as np
 from fast.hardware.arm.link import ArmLink, ArmState, write_output
 from fast.hardware.arm.settings import ArmSettings, Point
 from fast.hardware.grasp_bench import Leave
-from fast.hardware.parts.safe_state import MEANINGS, StopAskedError, Verb
+from fast.hardware.parts.safe_state import StopAskedError, Verb
 from fast.models.errors import DeviceError, FastError
 
 logger = logging.getLogger(__name__)
@@ -37,7 +37,7 @@ class ArmMotion:
 
     def ask(self, verb: Verb) -> None:
         """Stop or abort now, from any thread."""
-        if MEANINGS[verb].commands_safe_state:
+        if verb.commands_safe_state:
             self.asked = verb
 
     def _hear(self) -> None:

@@ -12,35 +12,21 @@ from fast.models.errors import InterlockError
 
 
 class Verb(StrEnum):
-    """What a person can ask of a bench at work; `MEANINGS` says what each means, everywhere."""
+    """What a person can ask of a bench at work; data measured so far is kept by all four."""
 
     PAUSE = "pause"
+    """The grasp in progress is completed and the tool parked."""
     STOP = "stop"
+    """The host brings the bench into the safe state at once."""
     ABORT = "abort"
+    """As stop, and the campaign counts as failed."""
     ESTOP = "estop"
+    """The hardware has acted: nothing is commanded. Goes on only after a person acknowledged."""
 
-
-@dataclass(frozen=True)
-class Meaning:
-    """What a verb does.
-
-    `finishes_grasp`: the grasp in progress is completed and the tool parked. `commands_safe_state`: the host brings the
-    bench into the safe state at once. `marks_failed`: the campaign counts as failed. `needs_acknowledge`: the same
-    command continues only after a person acknowledged. Data measured so far is kept by all four.
-    """
-
-    finishes_grasp: bool
-    commands_safe_state: bool
-    marks_failed: bool
-    needs_acknowledge: bool
-
-
-MEANINGS = {
-    Verb.PAUSE: Meaning(True, False, False, False),
-    Verb.STOP: Meaning(False, True, False, False),
-    Verb.ABORT: Meaning(False, True, True, False),
-    Verb.ESTOP: Meaning(False, False, False, True),  # the hardware has acted: nothing is commanded
-}
+    @property
+    def commands_safe_state(self) -> bool:
+        """Whether the host brings the bench into the safe state at once."""
+        return self in (Verb.STOP, Verb.ABORT)
 
 
 class EmergencyStopError(InterlockError):

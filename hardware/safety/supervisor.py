@@ -16,7 +16,6 @@ from fast.hardware.parts.gantry import Gantry
 from fast.hardware.parts.pneumatics import Pneumatics
 from fast.hardware.parts.safe_state import (
     COMMANDS,
-    MEANINGS,
     BenchCondition,
     EmergencyStopError,
     FreezeError,
@@ -95,7 +94,7 @@ class Supervisor:
 
     def ask(self, verb: Verb) -> None:
         """Stop or abort now, from any thread: the guarded thread hears it at its next wait. Pause is no such verb."""
-        if MEANINGS[verb].commands_safe_state:
+        if verb.commands_safe_state:
             self._asked = verb
 
     def hear(self) -> None:

@@ -38,7 +38,6 @@ LEASE = "lent-bench"
 REPLY_S = 60.0  # a holder who does not answer for so long is asked no more
 IDLE_S = 600.0  # without an order, the bench is given back
 LOOK_S = 0.2
-PEOPLE = ("take", "want", "give", "keep", "release")
 logger = logging.getLogger(__name__)
 _OF_SESSION = f"""
     SELECT event_id, kind, payload_json, created_at FROM events

@@ -7,7 +7,6 @@ import pytest
 
 from fast.hardware.parts.safe_state import (
     COMMANDS,
-    MEANINGS,
     BenchCondition,
     HeldCondition,
     Latch,
@@ -154,12 +153,5 @@ def test_the_latch_starts_faulted_and_a_reset_held_down_is_no_edge():
     assert latch.step(False).step(False, reset=True).is_ok
 
 
-def test_the_four_verbs_mean_what_the_design_says():
-    assert MEANINGS[Verb.PAUSE].finishes_grasp
-    assert not MEANINGS[Verb.PAUSE].commands_safe_state
-    assert MEANINGS[Verb.STOP].commands_safe_state
-    assert not MEANINGS[Verb.STOP].marks_failed
-    assert MEANINGS[Verb.ABORT].commands_safe_state
-    assert [verb for verb in Verb if MEANINGS[verb].marks_failed] == [Verb.ABORT]
-    assert [verb for verb in Verb if MEANINGS[verb].needs_acknowledge] == [Verb.ESTOP]
-    assert not MEANINGS[Verb.ESTOP].commands_safe_state, "nothing is commanded after an emergency stop"
+def test_stop_and_abort_command_the_safe_state_and_nothing_is_commanded_after_an_emergency_stop():
+    assert [verb for verb in Verb if verb.commands_safe_state] == [Verb.STOP, Verb.ABORT]

@@ -107,7 +107,7 @@ class CampaignRun:
     @property
     def bench_use(self) -> BenchUse:
         """How this process measures."""
-        return BenchUse(self.heard_bench, self.world_hash, self.should_stop, self.on_grasp, self.prompts.tell_asked)
+        return BenchUse(self.heard_bench, self.world_hash, self.should_stop, self.on_grasp, self.prompts.call_person)
 
     def should_stop(self) -> bool:
         """Return True once someone asked to pause or stop, or something failed: finish what runs, start nothing."""

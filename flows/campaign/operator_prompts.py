@@ -98,7 +98,7 @@ class Prompts:
     reporter: ProgressReporter
     notifier: Notifier
 
-    def tell_asked(self, question: BenchQuestion) -> None:
+    def call_person(self, question: BenchQuestion) -> None:
         """Tell people, in the terminal and by message, that the bench waits for an answer."""
         name, lake = self.campaign.campaign_id, self.campaign.lake
         choices = " or ".join(shlex.quote(choice) for choice in question.choices)

@@ -106,7 +106,7 @@ def run_in_process(
         campaign=campaign,
         pool=simulations,
         open_bench=lambda tools: open_campaign_bench(
-            campaign, setup, truth, tools, run.should_stop, run.prompts.tell_asked
+            campaign, setup, truth, tools, run.should_stop, run.prompts.call_person
         ),
         world_hash=setup.world_hash if isinstance(setup, World) else None,
         auto_print=auto_print,
@@ -175,7 +175,7 @@ def open_campaign_bench(
     physics: PhysicsCache,
     tools: Sequence[ProposedTool],
     should_stop: Callable[[], bool] = lambda: False,
-    tell_asked: Callable[[BenchQuestion], object] | None = None,
+    call_person: Callable[[BenchQuestion], object] | None = None,
 ) -> Iterator[GraspBench]:
     """Open the campaign's bench with these tools in its rack, connected and homed.
 
@@ -206,7 +206,7 @@ def open_campaign_bench(
             yield own
         return
     there = setup.model_copy(update={"layout": objects.stand_on(setup.layout)})
-    ask = make_ask(campaign.lake, campaign.campaign_id, should_stop, tell_asked)
+    ask = make_ask(campaign.lake, campaign.campaign_id, should_stop, call_person)
 
     def may_vent(found: str) -> bool:
         return ask(BenchQuestion(key="closed gripper", sentence=found, choices=(OPEN_IT, LEAVE_IT))).choice == OPEN_IT

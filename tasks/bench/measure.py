@@ -63,7 +63,7 @@ class BenchUse:
     """Asked before each grasp."""
     on_grasp: Callable[[ProposedTool, MeasuredGrasp], object] = lambda tool, grasp: None
     """Hears of each grasp."""
-    tell_asked: Callable[[BenchQuestion], object] | None = None
+    call_person: Callable[[BenchQuestion], object] | None = None
     """Has people hear what the bench asks; None: the log does."""
 
 
@@ -77,7 +77,7 @@ def hold_bench(campaign: Campaign, tools: Sequence[ProposedTool], use: BenchUse)
     owned = exclusive(campaign.lake.storage, GANTRY_LEASE, "the gantry of this lake is in use")
     with owned as gantry, note_verbs(campaign.lake, campaign.campaign_id), use.open_bench(tools) as bench:
         bench.set_leave(gantry.require)
-        bench.set_ask(make_ask(campaign.lake, campaign.campaign_id, use.should_stop, use.tell_asked))
+        bench.set_ask(make_ask(campaign.lake, campaign.campaign_id, use.should_stop, use.call_person))
         yield bench
 
 

@@ -79,11 +79,11 @@ def withdraw_questions(lake: Lake, campaign_id: str) -> None:
 
 
 def make_ask(
-    lake: Lake, campaign_id: str, should_stop: Callable[[], bool], tell: Callable[[BenchQuestion], object] | None = None
+    lake: Lake, campaign_id: str, should_stop: Callable[[], bool], call: Callable[[BenchQuestion], object] | None = None
 ) -> Ask:
     """Make what a campaign's bench asks a person with; it waits for the answer, or until somebody stops.
 
-    `tell` has people hear of a question that waits; None: the log does.
+    `call` has people hear of a question that waits; None: the log does.
     """
 
     def ask(question: BenchQuestion) -> BenchAnswer:
@@ -93,8 +93,8 @@ def make_ask(
         if question_id not in asked:
             said = question.model_dump(mode="json")
             append_event(lake, campaign_id, ASKED, question.sentence, question_id=question_id, said=said)
-        if question_id not in answers and tell is not None:
-            tell(question)
+        if question_id not in answers and call is not None:
+            call(question)
         elif question_id not in answers:
             logger.warning("%s Answer on the lab's page, or with `fast campaign answer`.", question.sentence)
         answer = _wait(lake, campaign_id, question_id, should_stop)

@@ -72,7 +72,7 @@ def test_people_hear_of_a_question_until_it_is_answered(campaign):
     prompts = Prompts(campaign, ProgressReporter(said.append, said.append), teller)
     for _ in range(2):  # the second process finds the question open
         with pytest.raises(Killed):
-            make_ask(campaign.lake, "small", die, prompts.tell_asked)(QUESTION)
+            make_ask(campaign.lake, "small", die, prompts.call_person)(QUESTION)
     assert len(said) == len(sent) == 2
     assert said[0].startswith(
         "A person is needed: The pads are worn.\nAnswer on the lab's page, or 'new pads' or 'go on'"
@@ -80,7 +80,7 @@ def test_people_hear_of_a_question_until_it_is_answered(campaign):
     assert "fast campaign answer small CHOICE --operator NAME --lake" in said[0]
     assert sent[0][:2] == ("needs_you", "FAST needs you: the bench of small asks")
     answer(campaign, mass_g="2,5", lot="L7")
-    make_ask(campaign.lake, "small", die, prompts.tell_asked)(QUESTION)
+    make_ask(campaign.lake, "small", die, prompts.call_person)(QUESTION)
     assert len(said) == 2
 
 

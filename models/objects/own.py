@@ -142,7 +142,8 @@ def _check_name(name: str, source: str) -> None:
     if not _NAME.fullmatch(name) or name.casefold() in {obj.name for obj in OBJECTS}:
         raise ConfigError(
             f"{source}: `{name}` cannot be the name of an own object; it begins with a letter, has at most "
-            f"{MOST_LETTERS} letters, digits, spaces, `_` or `-`, and is none of the 36; set `name` in its .toml file."
+            f"{MOST_LETTERS} letters, digits, spaces, `_` or `-`, and is none of the 36; rename the file, or set "
+            "`name` in a .toml file."
         )
 
 
@@ -166,5 +167,5 @@ def _check_size(size_mm: np.ndarray, source: str) -> None:
         if size < LEAST_SIZE_MM:
             raise ConfigError(
                 f"{source}: the object is {size:.3g} mm {how}, the fingers need {LEAST_SIZE_MM:g} mm at least; scale "
-                "it up (`scale = 1000` for a mesh in metres, 25.4 for one in inches)."
+                "it up (in a .toml file `scale = 1000` for a mesh in metres, 25.4 for one in inches)."
             )

@@ -169,6 +169,17 @@ def test_a_wrong_file_is_one_sentence(folder: Path, name: str, content: bytes, w
     assert "\n" not in str(refused.value)
 
 
+def test_a_mesh_called_like_one_of_the_36_or_in_inches_says_what_to_do(folder: Path) -> None:
+    trimesh.creation.box((30.0, 30.0, 30.0)).export(folder / "cube.stl")
+    with pytest.raises(ConfigError, match=r"none of the 36; rename the file, or set `name` in a .toml file"):
+        read_object(folder / "cube.stl")
+    trimesh.creation.box((1.2, 1.2, 1.2)).export(folder / "inches.stl")
+    with pytest.raises(
+        ConfigError, match=r"in a .toml file `scale = 1000` for a mesh in metres, 25.4 for one in inches"
+    ):
+        read_object(folder / "inches.stl")
+
+
 THIN_TUBE = """
 [[parts]]
 shape = "cylinder"

@@ -31,6 +31,7 @@ from fast.tasks.gap.split import Split, freeze_split
 from fast.tasks.gap.trace_rows import designs_of, find_base_setup, measured_grasps, read_traces
 
 _CUT_SHARE = 0.3  # of the peak: traces of whole lifts end with less than 0.2
+_LATEST_MM = 1.0  # of lift at the first reading: before it a force is not known
 _OPPOSITE = -0.5  # cosine of measured and simulated traces: far from what any friction or modulus turns round
 _SPEED_SHARE = 0.2  # that a lift may be faster or slower than its setup says
 _NOISE_TRACES = 20  # of each tool, whose readings before contact are kept
@@ -186,8 +187,8 @@ def read_grasps(lake: Lake, campaign_id: str | None, size: PanelSize = WHOLE) ->
     if all(row.request_id for row in used):
         why = " ".join(sentences) or "All were asked for by searches."
         raise UsageError(
-            f"none of the {len(rows)} measured grasps can be searched: {why} Measure again, and lift until the fingers "
-            "let go."
+            f"none of the {len(rows)} measured grasps can be searched: {why} Measure again, and record the whole lift, "
+            "until the fingers let go."
         )
     usual = [row for row in used if not row.request_id]
     tools, objects = sorted({row.tool_id for row in usual}), sorted({row.object_id for row in usual})
@@ -301,7 +302,7 @@ def _steps(
     quiet: list[Trace] = []
     seen: dict[bytes, str] = {}
     speeds: dict[str, tuple[float, float]] = {}  # mm/s, of the lift and of the setup, where these are two
-    n_copies = n_cut = n_flat = 0
+    n_copies = n_cut = n_flat = n_late = 0
     for rows in by_tool.values():
         before: list[Trace] = []
         setups = {row.grasp_id: GraspSetup.model_validate_json(row.setup_json) for row in rows}
@@ -313,6 +314,9 @@ def _steps(
                 continue
             if is_cut(trace):
                 n_cut += 1
+                continue
+            if trace.lift_mm.min() > _LATEST_MM:
+                n_late += 1
                 continue
             steps_n = step_means(trace)
             if steps_n.any() and seen.setdefault(steps_n.tobytes(), grasp_id) != grasp_id:
@@ -326,7 +330,7 @@ def _steps(
                 before.append(_before_contact(trace))
         quiet += _less_their_mean([trace for trace in before if len(trace.time_s) > 2])
     n_all = sum(len(rows) for rows in by_tool.values())
-    n_lost = n_all - len(found) - n_copies - n_cut - n_flat
+    n_lost = n_all - len(found) - n_copies - n_cut - n_flat - n_late
     sentences = []
     if n_lost:
         sentences.append(f"{n_lost} of {n_all} grasps have no trace, or one without a lift of 3 mm; left out.")
@@ -334,6 +338,8 @@ def _steps(
         sentences.append(f"{n_flat} of {n_all} grasps have the same force in every reading; left out.")
     if n_cut:
         sentences.append(f"{n_cut} of {n_all} grasps end while the fingers still hold the object; left out.")
+    if n_late:
+        sentences.append(f"{n_late} of {n_all} grasps begin after {_LATEST_MM:g} mm of lift; left out.")
     if speeds:
         grasp_id, (speed, said) = next(iter(speeds.items()))
         sentences.append(

@@ -20,6 +20,7 @@ EDGE_SHARE, EDGE_LIMIT, OUTSIDE_LIMIT = 0.05, 0.2, 0.05
 OVERLAP_LIMIT = 0.85
 CORRELATION_LIMIT = 0.7
 GRAVITY_N_PER_KG = 9.81
+GRAMS_PER_N = 1000.0 / GRAVITY_N_PER_KG
 _UNIT_TOLERANCE = 0.4  # of the logarithm: how near a factor counts as suspected
 _FAR_SD = 2.0  # prior standard deviations of ln E that call for a suspicion
 _WORDS = {"young_modulus_mpa": "Young's modulus", "friction": "friction", "poisson_ratio": "Poisson's ratio"}
@@ -243,4 +244,6 @@ def find_unit_warnings(modulus_mpa: float, priors: ThetaPriors) -> list[str]:
         raise UsageError(f"{found}; a factor of about 1000 is suspected in the unit of the forces: give them in N.")
     if abs(abs(ratio) - np.log(GRAVITY_N_PER_KG)) < _UNIT_TOLERANCE:
         return [f"{found}; a factor of 9.81 is suspected: check that forces are in N, not in kg."]
+    if abs(ratio - np.log(GRAMS_PER_N)) < _UNIT_TOLERANCE:
+        return [f"{found}; a factor of 102 is suspected: check that forces are in N, not in grams."]
     return [f"{found}; check the unit of the forces and the simulator."]

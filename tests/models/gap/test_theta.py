@@ -106,6 +106,8 @@ def test_a_wrong_unit_is_suspected_and_a_factor_of_a_thousand_refused() -> None:
     assert find_unit_warnings(10.2 * 2.0, ThetaPriors()) == []
     (sentence,) = find_unit_warnings(10.2 / 9.81, ThetaPriors())
     assert "a factor of 9.81 is suspected: check that forces are in N, not in kg" in sentence
+    (sentence,) = find_unit_warnings(8.0 * 1000.0 / 9.81, ThetaPriors())
+    assert "a factor of 102 is suspected: check that forces are in N, not in grams" in sentence
     for factor in (1000.0, 0.001):
         with pytest.raises(UsageError, match="a factor of about 1000 is suspected in the unit of the forces"):
             find_unit_warnings(10.2 * factor, ThetaPriors())

@@ -191,6 +191,20 @@ def test_a_trace_that_was_cut_short_is_left_out_and_said(tmp_path: Path) -> None
     assert "1 of 3 grasps end while the fingers still hold the object; left out." in measured.warnings
 
 
+def test_a_trace_that_begins_within_the_lift_is_left_out_and_said(tmp_path: Path) -> None:
+    rows = [row for repeat in range(3) for row in measured_rows(DESIGNS[0], "T0", OBJECTS[0], repeat)]
+    for place, first_mm in ((0, 3.0), (2, 0.5)):
+        trace = rows[place]
+        assert isinstance(trace, TraceRow)
+        whole = trace.trace
+        kept = whole.lift_mm > first_mm
+        late = Trace(whole.time_s[kept], whole.lift_mm[kept], whole.force_n[kept])
+        rows[place] = TraceRow.of(trace.grasp_id, late)
+    measured = read_grasps(_lake_of(tmp_path, rows), None)
+    assert len(measured.grasps.grasp_ids) == 2
+    assert "1 of 3 grasps begin after 1 mm of lift; left out." in measured.warnings
+
+
 def _change_traces(rows: list[Row], change: Callable[[Trace], Trace]) -> list[Row]:
     return [TraceRow.of(row.grasp_id, change(row.trace)) if isinstance(row, TraceRow) else row for row in rows]
 
@@ -200,7 +214,9 @@ def test_a_lift_that_ended_early_or_a_dead_load_cell_is_called_so(tmp_path: Path
     short = _change_traces(
         rows, lambda t: Trace(*(values[t.lift_mm < 5.0] for values in (t.time_s, t.lift_mm, t.force_n)))
     )
-    with pytest.raises(UsageError, match="none of the 2 .*: 2 of 2 grasps end while .* lift until the fingers let go"):
+    with pytest.raises(
+        UsageError, match="none of the 2 .*: 2 of 2 grasps end while .* record the whole lift, until the fingers let go"
+    ):
         read_grasps(_lake_of(tmp_path / "short", short), None)
     dead = _change_traces(rows, lambda t: Trace(t.time_s, t.lift_mm, 0.0 * t.force_n))
     with pytest.raises(UsageError, match="2 of 2 grasps have the same force in every reading"):

@@ -32,6 +32,7 @@ from fast.tasks.gap.trace_rows import designs_of, find_base_setup, measured_gras
 
 _CUT_SHARE = 0.3  # of the peak: traces of whole lifts end with less than 0.2
 _LATEST_MM = 1.0  # of lift at the first reading: before it a force is not known
+_WIDEST_MM = 1.0  # of lift between two readings
 _OPPOSITE = -0.5  # cosine of measured and simulated traces: far from what any friction or modulus turns round
 _SPEED_SHARE = 0.2  # that a lift may be faster or slower than its setup says
 _NOISE_TRACES = 20  # of each tool, whose readings before contact are kept
@@ -302,7 +303,7 @@ def _steps(
     quiet: list[Trace] = []
     seen: dict[bytes, str] = {}
     speeds: dict[str, tuple[float, float]] = {}  # mm/s, of the lift and of the setup, where these are two
-    n_copies = n_cut = n_flat = n_late = 0
+    n_copies = n_cut = n_flat = n_late = n_sparse = 0
     for rows in by_tool.values():
         before: list[Trace] = []
         setups = {row.grasp_id: GraspSetup.model_validate_json(row.setup_json) for row in rows}
@@ -323,6 +324,7 @@ def _steps(
                 n_copies += 1
                 continue
             found[grasp_id] = steps_n
+            n_sparse += bool(np.median(np.diff(trace.lift_mm[trace.is_lift])) > _WIDEST_MM)
             speed, said = _find_speed(trace), setups[grasp_id].lift_speed_mm_per_s
             if abs(speed - said) > _SPEED_SHARE * said:
                 speeds[grasp_id] = speed, said
@@ -340,6 +342,11 @@ def _steps(
         sentences.append(f"{n_cut} of {n_all} grasps end while the fingers still hold the object; left out.")
     if n_late:
         sentences.append(f"{n_late} of {n_all} grasps begin after {_LATEST_MM:g} mm of lift; left out.")
+    if n_sparse:
+        sentences.append(
+            f"{n_sparse} of {n_all} grasps have readings more than {_WIDEST_MM:g} mm of lift apart: what happens "
+            "between them is not known, so a name may be wrong; record faster."
+        )
     if speeds:
         grasp_id, (speed, said) = next(iter(speeds.items()))
         sentences.append(

@@ -191,6 +191,25 @@ def test_a_trace_that_was_cut_short_is_left_out_and_said(tmp_path: Path) -> None
     assert "1 of 3 grasps end while the fingers still hold the object; left out." in measured.warnings
 
 
+def test_readings_far_apart_are_said(tmp_path: Path) -> None:
+    rows = [row for repeat in range(2) for row in measured_rows(DESIGNS[0], "T0", OBJECTS[0], repeat)]
+    spacing_mm = 2.5
+    trace = rows[0]
+    assert isinstance(trace, TraceRow)
+    whole = trace.trace
+    at_mm = np.arange(0.0, whole.lift_mm.max(), spacing_mm)
+    lift = whole.is_lift
+    sparse = Trace(
+        np.interp(at_mm, whole.lift_mm[lift], whole.time_s[lift]),
+        at_mm,
+        np.interp(at_mm, whole.lift_mm[lift], whole.force_n[lift]),
+    )
+    rows[0] = TraceRow.of(trace.grasp_id, sparse)
+    measured = read_grasps(_lake_of(tmp_path, rows), None)
+    assert len(measured.grasps.grasp_ids) == 2
+    assert any("1 of 2 grasps have readings more than 1 mm of lift apart" in said for said in measured.warnings)
+
+
 def test_a_trace_that_begins_within_the_lift_is_left_out_and_said(tmp_path: Path) -> None:
     rows = [row for repeat in range(3) for row in measured_rows(DESIGNS[0], "T0", OBJECTS[0], repeat)]
     for place, first_mm in ((0, 3.0), (2, 0.5)):

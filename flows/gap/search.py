@@ -32,7 +32,15 @@ from fast.tasks.campaign.requests import GAP_LEASE
 from fast.tasks.campaign.simulator_versions import newest_calibrated
 from fast.tasks.gap.bank import HELD_OUT, LOCAL_BANK, WIDE_BANK, list_plan_ids, plan_bank, plan_centre, read_bank
 from fast.tasks.gap.cost import GraspCosts, choose_largest_bank, estimate_cost, plan_probe
-from fast.tasks.gap.data import MeasuredGrasps, check_repeats, check_units, make_data, read_grasps, split_measurements
+from fast.tasks.gap.data import (
+    MeasuredGrasps,
+    check_prints,
+    check_repeats,
+    check_units,
+    make_data,
+    read_grasps,
+    split_measurements,
+)
 from fast.tasks.gap.findings import (
     GapRun,
     Start,
@@ -295,6 +303,7 @@ def _run_rounds(lake: Lake, search: _Search, simulator: Simulator, reporter: Pro
     evaluation = evaluate_rounds(rounds, request.seed)
     if not rounds[-1].is_last:
         warnings.append(f"{len(rounds)} rounds were made and the last one still found something; make more rounds.")
+    warnings += check_prints(rounds[-1].proposed.trials.fit)
     warnings += [*_failed(rounds[-1].search.data), *rounds[-1].after.warnings, *evaluation.warnings]
     budget = _spent(simulator, time.monotonic() - began - simulator.spent_s)
     told = {"budget": budget, "warnings": tuple(dict.fromkeys(warnings))}

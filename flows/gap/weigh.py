@@ -35,7 +35,7 @@ from fast.tasks.gap.ask import ask
 from fast.tasks.gap.bank import plan_bank, read_bank
 from fast.tasks.gap.calibrate import SearchInputs
 from fast.tasks.gap.cost import estimate_cost
-from fast.tasks.gap.data import MeasuredGrasps, check_repeats, check_units, read_grasps
+from fast.tasks.gap.data import MeasuredGrasps, check_prints, check_repeats, check_units, read_grasps
 from fast.tasks.gap.panel import LEAST_DESIGNS, LEAST_OBJECTS, select_panel
 from fast.tasks.gap.simulated import read_simulated
 from fast.tasks.gap.split import MIN_DESIGNS, MIN_OBJECTS
@@ -193,6 +193,7 @@ def _weigh(
     data = data if beside is None else beside.data
     rehearsal = rehearse_panel(data, (), request.rehearsed, request.settings.workers or 1, reporter.progress)
     naming = name_effect(data, rehearsal)
+    warnings += check_prints(naming.trials.fit)
     search = SearchInputs(
         lake=lake,
         gap_id="",

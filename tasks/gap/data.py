@@ -18,12 +18,14 @@ from fast.models.gap.ask.answers import Answers
 from fast.models.gap.bank.bank import Bank
 from fast.models.gap.data import GapData
 from fast.models.gap.evidence.facts import Fact, list_facts
+from fast.models.gap.evidence.likelihood import EvidenceFit
+from fast.models.gap.fit.recalibrate import TOOL_SD
 from fast.models.gap.grasps import Grasps, number_distinct
 from fast.models.ids import content_id
 from fast.models.records import Design, GraspContext, GraspSetup, Placement, Trace
 from fast.models.traces.step_features import N_STEPS, STEP_MM, is_usable, step_means
 from fast.models.traces.step_noise import QUIET_S, SensorNoise, noise_of_readings, noise_of_repeats
-from fast.models.units import spell_number
+from fast.models.units import spell_number, spell_share
 from fast.tasks.campaign.state import THICKNESSES
 from fast.tasks.gap.panel import WHOLE, PanelSize, select_panel
 from fast.tasks.gap.readings import read_readings
@@ -33,6 +35,7 @@ from fast.tasks.gap.trace_rows import designs_of, find_base_setup, measured_gras
 _CUT_SHARE = 0.3  # of the peak: traces of whole lifts end with less than 0.2
 _LATEST_MM = 1.0  # of lift at the first reading: before it a force is not known
 _WIDEST_MM = 1.0  # of lift between two readings
+_ODD_PRINT = 4.0  # standard deviations: one print in 16,000 is as odd
 _OPPOSITE = -0.5  # cosine of measured and simulated traces: far from what any friction or modulus turns round
 _SPEED_SHARE = 0.2  # that a lift may be faster or slower than its setup says
 _NOISE_TRACES = 20  # of each tool, whose readings before contact are kept
@@ -168,6 +171,20 @@ def check_repeats(grasps: Grasps) -> list[str]:
     return [
         "Repeats were made one right after the other: what changes slowly, such as pressure or wear, is hardly seen in "
         'them; measure with `repeats_order = "interleaved"`.'
+    ]
+
+
+def check_prints(fit: EvidenceFit) -> list[str]:
+    """Check whether prints are alike: a sentence for each that is fitted stiffer or softer than one of a lot would be.
+
+    The modulus of a print takes up all that makes a tool stronger or weaker, so no gap is left of it.
+    """
+    apart = fit.moduli - np.median(fit.moduli)
+    return [
+        f"Tool {tool} is fitted {np.exp(own):.2f} times as stiff as the others, where prints of a lot differ by "
+        f"{spell_share(TOOL_SD)}; a search sees no gap in that. Look at its material, walls and mount, and at its name."
+        for tool, own in zip(fit.problem.surrogate.grasps.tools, apart, strict=True)
+        if abs(own) > _ODD_PRINT * TOOL_SD
     ]
 
 

@@ -25,6 +25,13 @@ def has_memory(effect: str) -> bool:
     return CATALOGUE[effect].kind.overrides("in_grasp")
 
 
+def is_beyond_solvers(value: EffectValue) -> bool:
+    """Return whether there is more of an effect than solvers of the same physics differ by."""
+    spec = CATALOGUE[value.effect]
+    first = spec.parameters[0]
+    return abs(value.parameters[first.name] - first.neutral) > spec.solvers_differ
+
+
 def scale_value(value: EffectValue, scale: float) -> EffectValue:
     """Scale the amplitudes of an effect on their axes, from neutral; what shapes it stays."""
     found = CATALOGUE[value.effect].neutral.parameters | dict(value.parameters)

@@ -138,6 +138,8 @@ class EvidenceFit:
     """c, how much each cell counts, 0 to 1."""
     columns: np.ndarray
     """k x d, whitened, of what is free, with prior standard deviation 1."""
+    from_prior: np.ndarray
+    """k, how many of these what is free is from the middle of its prior."""
     gap: np.ndarray
     """d, what is measured less what is predicted, whitened."""
     rest_n: np.ndarray
@@ -219,7 +221,8 @@ class EvidenceFit:
 
     @cached_property
     def _own(self) -> np.ndarray:
-        return np.asarray(self._white_columns @ (self.value_weights * self.gap))
+        own = self._white_columns @ (self.value_weights * self.gap)
+        return np.asarray(own - np.linalg.solve(self._root, self.from_prior))
 
 
 def _weigh_cells(chi: np.ndarray) -> np.ndarray:
@@ -353,6 +356,7 @@ def _weigh(problem: Problem, scatter: Scatter, start: _Start) -> tuple[EvidenceF
         force_n=force_n,
         weights=weights,
         columns=white,
+        from_prior=from_prior,
         gap=all_gap,
         rest_n=problem.means_n - force_n - np.tensordot(moved, columns, 1),
         misfit=chi / N_BINS,

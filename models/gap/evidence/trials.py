@@ -20,7 +20,7 @@ from fast.models.gap.evidence.candidates import (
     weigh_patterns,
     weigh_quantities,
 )
-from fast.models.gap.evidence.laws import N_KNOTS, has_memory
+from fast.models.gap.evidence.laws import N_KNOTS, has_memory, is_beyond_solvers
 from fast.models.gap.evidence.likelihood import EvidenceFit, add_effect
 from fast.models.records import EffectValue
 
@@ -159,10 +159,15 @@ class Trials:
     @property
     def signs(self) -> Signs:
         """What may raise an alarm."""
-        full_nats = max((one.nats for one in self.tried), default=0.0)
-        spread_nats = max((one.spread_nats for one in self.tried), default=0.0)
-        sure_nats = max((one.nats for one in self.weighed if one.is_sure), default=0.0)
-        return Signs(self.weighed[0].nats, self.fit.omnibus, full_nats, spread_nats, sure_nats)
+        beyond = [one for one in self.tried if is_beyond_solvers(one.value)]
+        weighed = (one.nats for one in self.weighed if one.value is None or is_beyond_solvers(one.value))
+        return Signs(
+            nats=max(weighed, default=0.0),
+            omnibus=self.fit.omnibus,
+            full_nats=max((one.nats for one in beyond), default=0.0),
+            spread_nats=max((one.spread_nats for one in beyond), default=0.0),
+            sure_nats=max((one.nats for one in self.weighed if one.is_sure), default=0.0),
+        )
 
     def look_after_best(self, families: Mapping[str, str]) -> "Trials":
         """Add what the best trial leaves for patterns, drifts, and effects of other families."""

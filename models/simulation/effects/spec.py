@@ -123,6 +123,8 @@ class EffectSpec(Record):
     """What it cannot be told from in pull-off data at all."""
     needs_fin_ray: bool = False
     """Whether it acts on ribs, which other families of fingers do not have."""
+    solvers_differ: float = 0.0
+    """By how much of its amplitude solvers of the same physics differ: less is no sign that it is missing."""
 
     @property
     def neutral(self) -> EffectValue:

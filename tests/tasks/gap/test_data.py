@@ -1,5 +1,6 @@
 """From rows of the lake to what gap discovery works on."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -14,10 +15,19 @@ from fast.lake.tables.row import Row
 from fast.models.errors import UsageError
 from fast.models.gap.bank.bank import CENTRE, NUMERICAL, BankPlan, list_versions
 from fast.models.gap.data import GapData
+from fast.models.gap.evidence.likelihood import Problem, fit_evidence
 from fast.models.gap.grasps import Cells
 from fast.models.records import Trace
 from fast.tasks.gap.bank import list_plan_ids, plan_bank, read_bank
-from fast.tasks.gap.data import check_repeats, check_units, make_data, read_grasps, rebuild_contexts, split_measurements
+from fast.tasks.gap.data import (
+    check_prints,
+    check_repeats,
+    check_units,
+    make_data,
+    read_grasps,
+    rebuild_contexts,
+    split_measurements,
+)
 from fast.tasks.gap.split import KIND, Split, freeze_split
 from tests.synthetic.gap import made_up_gap
 from tests.tasks.calibration.trace_lake import PROVENANCE
@@ -277,6 +287,20 @@ def test_traces_that_begin_with_the_lift_take_their_noise_from_repeats(tmp_path:
     measured = read_grasps(_lake_of(tmp_path, rows), None)
     assert 0.01 < measured.grasps.noise.sd_n < 0.03  # 0.05 N over the square root of 8 readings
     assert any("is taken from repeats" in sentence for sentence in measured.warnings)
+
+
+def test_a_print_that_is_no_print_of_the_lot_is_said() -> None:
+    """A tool of another material is no gap to the search: its modulus is fitted, and was told to nobody."""
+    data = made_up_gap(5, 5, 0, n_repeats=2).usable
+    grasps = data.grasps
+    stiffer_n = grasps.steps_n * np.where(grasps.tool == 2, 1.6, 1.0)[:, None]
+    fits = (fit_evidence(Problem.of(data).measured(steps_n)) for steps_n in (grasps.steps_n, stiffer_n))
+    alike, odd = (check_prints(fit) for fit in fits)
+    assert alike == []
+    (sentence,) = odd
+    found = re.match(rf"Tool {grasps.tools[2]} is fitted (1\.\d+) times as stiff as the others, ", sentence)
+    assert found is not None
+    assert 1.3 < float(found[1]) < 1.65
 
 
 @pytest.mark.parametrize(

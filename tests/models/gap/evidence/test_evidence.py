@@ -106,7 +106,21 @@ def test_products_are_those_of_the_whole_covariance(fit: EvidenceFit) -> None:
     whole = np.linalg.inv(np.diag(1.0 / heavy) + fit.columns.T @ fit.columns)
     products, along = fit.multiply(white)
     assert np.allclose(products, white @ whole @ white.T)
-    assert np.allclose(along, white @ whole @ fit.gap)
+    assert np.allclose(along, white @ whole @ (fit.gap + fit.from_prior @ fit.columns))
+
+
+def test_too_little_of_an_effect_to_tell_solvers_apart_is_no_sign(problem: Problem) -> None:
+    """Contact points are 0.25 mm apart, so edges of a solver are as round as half of that."""
+    fit = fit_evidence(problem)
+
+    def sign(extra_mm: float) -> Signs:
+        value = EffectValue(effect="object_edge_radius", parameters={"extra_radius_mm": extra_mm})
+        edges = replace(fit, problem=replace(problem, effects=(value,)), scales=np.ones(1))
+        found = Candidate("object_edge_radius", "effect", 60.0, effect="object_edge_radius", value=value)
+        return Trials(fit, (found,), (Trial("object_edge_radius", "edges", 80.0, 40.0, edges),)).signs
+
+    assert (sign(0.14).nats, sign(0.14).full_nats, sign(0.14).spread_nats) == (0.0, 0.0, 0.0)
+    assert (sign(-0.16).nats, sign(0.16).full_nats, sign(0.16).spread_nats) == (60.0, 80.0, 40.0)
 
 
 @pytest.mark.parametrize("name", ["load_cell_offset", "lift_misalignment", "tool_weight", "load_cell_drift"])

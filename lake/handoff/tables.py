@@ -14,6 +14,7 @@ from fast.models.validation import closest
 
 _MOST_SHOWN = 40  # faults in one message
 _NUMBERS_OF_ROWS = re.compile(r"|unnamed: \d+|__index_level_\d+__")  # what pandas calls them
+_UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # how text of Windows begins that is not in UTF-8
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 
 
@@ -92,14 +93,17 @@ def read_csv(
 ) -> Table:
     """Read cells of a CSV file; an empty table and faults where it cannot be used.
 
-    Cells are separated by commas, or by semicolons with commas or points in the numbers, as spreadsheets of many
-    countries do; names of columns may be in capitals. ignored: a list that takes columns that nobody knows; None
+    Cells are separated by commas, or by semicolons or tabs with commas or points in the numbers, as spreadsheets of
+    many countries do; names of columns may be in capitals. ignored: a list that takes columns that nobody knows; None
     makes them faults.
     """
     empty = Table(name, {column: [] for column in columns}, [])
     known = {column.lower(): column for column in columns}
     try:
-        with (reader.directory / name).open(encoding="utf-8-sig", newline="") as file:
+        path = reader.directory / name
+        with path.open("rb") as file:
+            encoding = "utf-16" if file.read(2) in _UTF_16 else "utf-8-sig"
+        with path.open(encoding=encoding, newline="") as file:
             first = file.readline()
             separator = find_separator(first)
             lines = csv.reader(chain([first], file), delimiter=separator, strict=True)
@@ -108,7 +112,7 @@ def read_csv(
             if not has_columns(reader, name, header, columns, optional, ignored):
                 return empty
             table = _read_rows(reader, name, header, lines, most_rows)
-            return _with_points(table) if separator == ";" else table
+            return table if separator == "," else _with_points(table)
     except FileNotFoundError:
         reader.fault(name, None, None, None, "is missing; add it to the folder.")
     except UnicodeDecodeError:
@@ -119,8 +123,8 @@ def read_csv(
 
 
 def find_separator(header: str) -> str:
-    """Find what separates the cells of a table with this first line: commas, or semicolons."""
-    return ";" if header.count(";") > header.count(",") else ","
+    """Find what separates the cells of a table with this first line: commas, semicolons or tabs."""
+    return max(",;\t", key=header.count)
 
 
 def _with_points(table: Table) -> Table:

@@ -57,6 +57,15 @@ def begin(folder: Path, rows: str = PUBLISHED + LATER + FREE, config: str = CONF
     return campaign
 
 
+@pytest.mark.parametrize(("separator", "encoding"), [("\t", "utf-16"), (";", "utf-8-sig"), ("\t", "utf-8")])
+def test_a_table_is_read_as_spreadsheets_save_it(tmp_path: Path, separator: str, encoding: str) -> None:
+    """Text that is separated by tabs, in UTF-16, is what some spreadsheets call Unicode text; commas are decimal."""
+    plain, saved = tmp_path / "plain.csv", tmp_path / "saved.csv"
+    plain.write_text(HEADER + PUBLISHED + LATER)
+    saved.write_text((HEADER + PUBLISHED + LATER).replace(",", separator).replace(".", ","), encoding=encoding)
+    assert [one.design for one in read_designs(saved)] == [one.design for one in read_designs(plain)]
+
+
 def tell_all(campaign: Campaign, batch: int) -> None:
     asked = plan_batch(campaign, campaign.state(), batch)
     forces = {tool.tool_id: 10.0 + tool.slot for tool in campaign.state().tools}

@@ -174,7 +174,7 @@ def has_columns(
     """
     missing = [column for column in columns if column not in header and column not in optional]
     if not set(header) & set(columns):
-        limit = "row 1 names no column; separate names by commas or semicolons, without lines above: "
+        limit = "row 1 names no column; separate names by commas, semicolons or tabs, without lines above: "
         reader.fault(name, None, None, None, f"{limit}{', '.join(columns)}.")
         return False
     for column in missing:

@@ -244,7 +244,7 @@ def test_a_missing_or_empty_file_is_named(lake, folder, name):
     assert f"{name}: has no usable rows." in faults_of(lake, folder)
     (folder / name).write_bytes(b"\xff\xfe\x00")
     assert f"{name}: is not a text file in UTF-8; save it as CSV in UTF-8." in faults_of(lake, folder)
-    (folder / name).write_text(text.replace(",", "\t"))
+    (folder / name).write_text(text.replace(",", "|"))
     assert sum(fault.startswith(f"{name}: row 1 names no column; sep") for fault in faults_of(lake, folder)) == 1
 
 

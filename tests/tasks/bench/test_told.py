@@ -240,7 +240,7 @@ def test_all_faults_are_named_at_once(campaign: Campaign) -> None:
         ("tool_id,object_id,repeat,peak_force_n\nB01T0,4.5,0,1\n", "object_id is `4.5`, it must be a whole number"),
         ("tool_id,object_id,repeat,peak_force_n,reasn\nB01T0,4,0,1,1\n", "reasn"),
         ("", "results.csv: row 1 names no column"),
-        ("tool_id\tobject_id\trepeat\tpeak_force_n\nB01T0\t4\t0\t1\n", "separate names by commas or semicolons"),
+        ("tool_id|object_id|repeat|peak_force_n\nB01T0|4|0|1\n", "separate names by commas, semicolons or tabs"),
         (
             "# rig 1\ntool_id,object_id,repeat,peak_force_n\nB01T0,4,0,1\n",
             "without lines above: tool_id, object_id, repeat",
@@ -259,6 +259,8 @@ def test_a_german_spreadsheet_is_read(tmp_path: Path) -> None:
     path.write_text("\ufefftool_id;object_id;repeat;peak_force_n\r\nB01T0;4;1;12,5\r\n", encoding="utf-8")
     (one,) = read_peaks(path)
     assert (one.tool_id, one.object_id, one.repeat, one.peak_force_n) == ("B01T0", 4, 1, 12.5)
+    path.write_text(path.read_text(encoding="utf-8-sig").replace(";", "\t"), encoding="utf-16")
+    assert read_peaks(path) == [one]
 
 
 def test_mappings_are_checked_by_name() -> None:

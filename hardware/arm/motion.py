@@ -37,7 +37,7 @@ class ArmMotion:
 
     def ask(self, verb: Verb) -> None:
         """Stop or abort now, from any thread."""
-        if verb.commands_safe_state:
+        if Verb(verb).commands_safe_state:
             self.asked = verb
 
     def _hear(self) -> None:

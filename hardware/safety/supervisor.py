@@ -94,7 +94,7 @@ class Supervisor:
 
     def ask(self, verb: Verb) -> None:
         """Stop or abort now, from any thread: the guarded thread hears it at its next wait. Pause is no such verb."""
-        if verb.commands_safe_state:
+        if Verb(verb).commands_safe_state:
             self._asked = verb
 
     def hear(self) -> None:

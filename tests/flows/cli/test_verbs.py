@@ -3,6 +3,7 @@
 import signal
 from contextlib import contextmanager
 from functools import partial
+from types import SimpleNamespace
 
 import pytest
 
@@ -60,7 +61,8 @@ def run(campaign):
             yield bench
 
     nothing = lambda *_: None  # noqa: E731 - callbacks that this test does not listen to
-    run = CampaignRun(campaign, None, open_bench, "w", True, *[nothing] * 4)
+    nobody = SimpleNamespace(call_person=nothing)
+    run = CampaignRun(campaign, None, open_bench, "w", True, nothing, nothing, nobody, nothing)
     run.prepared = nothing
     return run
 

@@ -96,7 +96,7 @@ def test_simulated_means_are_those_of_each_theta(kept):
     assert per_mpa.max() / per_mpa.min() < 0.2 * problem.y_sim.max() / problem.y_sim.min()
 
 
-@pytest.mark.parametrize(("n", "said"), [(1.0, ""), (1 / 9.80665, "in N, not in kg"), (1000 / 9.80665, "the unit")])
+@pytest.mark.parametrize(("n", "said"), [(1.0, ""), (1 / 9.80665, "in N, not in kg"), (1000 / 9.80665, "not in grams")])
 def test_means_in_kg_or_g_are_warned_of(tmp_path, n, said):
     assert [said in warning for warning in gather(lake_in_units(tmp_path, n), None, None, 0).warnings] == [True] * (
         said != ""

@@ -54,11 +54,11 @@ def plan(
         "order": objects.order,
         "repeats_order": objects.repeats_order,
         "grasp_s": modelled_s,
-        "grasps_per_hour": 3600 / (modelled_s),
+        "grasps_per_hour": 3600 / modelled_s,
         "paper_grasps_per_hour": PAPER_GRASPS_PER_HOUR,
         "tool_s": [time.total_s for time in times],
         "batch_s": sum(time.total_s for time in times),
-        "order_costs_s_per_grasp": (modelled_s - shortest_s),
+        "order_costs_s_per_grasp": modelled_s - shortest_s,
         "parts_s_per_grasp": {name: s / n_grasps for name, s in add_up(time.parts_s for time in times).items()},
     }
     show(data, _text(data), json)

@@ -177,12 +177,12 @@ def check_repeats(grasps: Grasps) -> list[str]:
 def check_prints(fit: EvidenceFit) -> list[str]:
     """Check whether prints are alike: a sentence for each that is fitted stiffer or softer than one of a lot would be.
 
-    The modulus of a print takes up all that makes a tool stronger or weaker, so no gap is left of it.
+    The modulus of a print takes up what makes a tool stronger or weaker, so little of a gap may be left of it.
     """
     apart = fit.moduli - np.median(fit.moduli)
     return [
         f"Tool {tool} is fitted {np.exp(own):.2f} times as stiff as the others, where prints of a lot differ by "
-        f"{spell_share(TOOL_SD)}; a search sees no gap in that. Look at its material, walls and mount, and at its name."
+        f"{spell_share(TOOL_SD)}: look at its material, walls and mount, and whether it has another tool's name."
         for tool, own in zip(fit.problem.surrogate.grasps.tools, apart, strict=True)
         if abs(own) > _ODD_PRINT * TOOL_SD
     ]

@@ -219,12 +219,12 @@ class Story:
         if done.returncode:
             raise FastError(f"`fast {words[0]}` refused: {done.stderr.decode().strip()}")
 
-    def _wait(self, is_so: Callable[[], bool], what: str) -> None:
+    def _wait(self, is_so: Callable[[], bool], what: str, pause_s: float = 0.5) -> None:
         end_s = time.monotonic() + LIMIT_S
         while not is_so():
             if time.monotonic() > end_s:
                 raise FastError(f"waited {LIMIT_S:.0f} s for {what}.")
-            time.sleep(0.5)
+            time.sleep(pause_s)
 
     def _picture(self, page: Any, name: str) -> None:
         if self._pictures is not None:

@@ -23,6 +23,7 @@ WIDTH_PX = SIZES["page-start"][0]
 _COLOURS = 128
 _GRASPS = 35  # measured before the picture of Now: the middle of the second batch
 _LIFT_MM = (20.0, 40.0)  # of the grasp in that picture
+_LIFT_PAUSE_S = 0.02  # between looks at it: a virtual bench lifts in a second
 
 
 def measure_pictures(options: Options) -> Tables:
@@ -84,7 +85,7 @@ class Tutorial(Story):
         path = live_path(Lake.open(self._lake), "quick")
         self._wait(lambda: int(re.findall(r"(\d+)/88", page.inner_text(".facts"))[0]) >= _GRASPS, "half of B02")
         self._size(page, "page-now")
-        self._wait(lambda: _LIFT_MM[0] < _find_lift_mm(path) < _LIFT_MM[1], "the middle of a grasp")
+        self._wait(lambda: _LIFT_MM[0] < _find_lift_mm(path) < _LIFT_MM[1], "the middle of a grasp", _LIFT_PAUSE_S)
         self._picture(page, "page-now")
         self._step("the force moves", page.inner_text("#live-title") + ", " + page.inner_text("#live-force"))
 
